@@ -168,7 +168,7 @@ def test_a_change_that_leads_the_estimate_to_the_right_one_is_no_fault_of_the_si
 def test_predictions_worse_than_copying_tell_nothing(step: CallableStep, monkeypatch: pytest.MonkeyPatch) -> None:
     u, y = driven(0, -1)
     assert better_change(step, u[:300], y[:300], 0, native.engine()) is not None
-    monkeypatch.setattr(changes, "_scale", lambda outputs, y: np.full(1, 1e-6))  # as if copying erred by that
+    monkeypatch.setattr(changes, "_scale", lambda outputs, y, ahead: np.full(1, 1e-6))  # as if copying erred by that
     assert better_change(step, u[:300], y[:300], 0, native.engine()) is None
 
 

@@ -1,16 +1,18 @@
 """Changes of a log's signals with which it fits the model better: sign, unit, scale, time, and course between samples.
 
-One signal at a time is tried in another unit or with the other sign, times a factor, shifted by samples, and inputs as
-held between samples:
+One signal at a time is tried in another unit or with the other sign, times a factor, an angle plus a constant, shifted
+by samples, and inputs as held between samples:
 
-    J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2,   h = 5
+    J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2
 
-J is the median over `SEGMENTS` segments of the log, since the first depends on a wrong first estimate. Longer shifts
-are tried until J has passed its minimum. Inputs are shifted together as well: of all of them shifted, as of one input
-that acts late, the log is that of outputs which all come late, up to its ends. A change is better if sqrt(J) is less
-than `CLEAR` times the present one, less in nearly all segments, and less than that of copying, since a worse model says
-nothing about signals. Another course of inputs has a limit of its own, `CLEAR_COURSE`, and must be better than a shift
-by a sample. A change must also be clearly better than
+h is 5 samples, then 25, where no change is better over 5: the noise of a fast sensor hides the motion of the plant over
+few samples. Delays are tried over 5 alone, since they have less effect over many. J is the median over `SEGMENTS`
+segments of the log, since the first depends on a wrong first estimate. Longer shifts are tried until J has passed its
+minimum. Inputs are shifted together as well: of all of them shifted, as of one input that acts late, the log is that of
+outputs which all come late, up to its ends. A change is better if sqrt(J) is less than `CLEAR` times the present one,
+less in nearly all segments, and less than that of copying, since a worse model says nothing about signals. Another
+course of inputs has a limit of its own, `CLEAR_COURSE`, and must be better than a shift by a sample. A change must also
+be clearly better than
 
     the signal with only its mean so changed: an offset, or a wrong estimate of an unobservable state, has that effect
     the change in the first quarter of the log alone: that may lead a wrong estimate to the right one, which stays
@@ -30,7 +32,7 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.reading.measured import shifted
-from hgogen.run.prediction import AHEAD, AS_IT_IS, MAPS, Map, forecasts, rms
+from hgogen.run.prediction import AS_IT_IS, MAPS, Map, forecasts, rms
 from hgogen.run.samples import Engine, last_values
 from hgogen.signal import Signal, derived, differences
 from hgogen.stepping.guards import readings
@@ -42,7 +44,9 @@ CLEAR = 0.8  # ratio of RMS errors below which one is clearly less; an early inp
 CLEAR_COURSE = 0.9  # the same of the course of inputs between samples, of which there are two
 EQUALLY = 1.05  # ratio of errors of changes that fit equally
 SEGMENTS = 8
-LEAST = 10  # samples of a segment
+HORIZONS = (5, 25)  # samples ahead
+LEAST = 2  # horizons in a segment
+EIGHTHS = tuple(k / 8 for k in range(1, 8))  # of a turn: first offsets of an angle; the best one is refined
 SCALES = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.4, 2.0, 3.0, 5.0, 7.0, 10.0)  # first factors; the best one is refined
 _USUAL = 0.02  # relative difference to a usual factor, which is taken in its place
 
@@ -79,6 +83,7 @@ class Better:
     factor: Annotated[float, "-1 for the other sign, else of another unit or scale"]
     error: Annotated[float, "RMS error with it over that of copying"]
     present: Annotated[float, "RMS error as it is over that of copying"]
+    ahead: Annotated[int, "samples ahead of the predictions with these errors"]
     between: Annotated[str, "the course of inputs between samples that fits, or empty"] = ""
     late: Annotated[tuple[str, ...], "outputs of which samples that come so late give the same log"] = ()
     map: Annotated[str, "the map of the signal, of a column {}"] = "{}"
@@ -90,7 +95,7 @@ class Better:
         """The kind of change in one word: between, delay, sign or scale."""
         if self.between or self.shift:
             return "between" if self.between else "delay"
-        return "sign" if self.factor == -1 else "scale"
+        return "sign" if self.factor == -1 else "offset" if self.factor == 1 else "scale"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -107,7 +112,9 @@ class Better:
     def sentence(self, before: Mapping[str, int], operands: Mapping[str, str]) -> tuple[str, str]:
         """Return a clause on how the signal differs, and the advice for the command line; `before`: the shifts in
         samples that are set already, `operands`: the column of each signal, as written in an expression."""
-        errors = f"predictions {AHEAD} steps ahead err {self.error:.3g} times as copying does, and {self.present:.3g}"
+        errors = (
+            f"predictions {self.ahead} steps ahead err {self.error:.3g} times as copying does, and {self.present:.3g}"
+        )
         finding, fix = f"{self.what}: with the change {errors} without", self.fix(before, operands)
         fix = "".join([fix, *(f", or equally {one.what}, {one.fix(before, operands)}" for one in self.equal)])
         if not self.late:
@@ -147,16 +154,19 @@ def better_change(
     better, by errors from the sample `first` on; None without one. `dt` as for `step.run`; where dt varies no signal is
     shifted, since a number of samples is no fixed time then."""
     u, y, dt = u[:LONGEST], y[:LONGEST], None if dt is None else dt[:LONGEST]
-    if len(y) - first < SEGMENTS * LEAST:
-        return None
-    trial = ChangeTrial(step, u, y, first, engine, dt)
+    trials = (ChangeTrial(step, u, y, first, engine, dt, h) for h in HORIZONS)
+    return next(filter(None, map(_better, trials)), None)
+
+
+def _better(trial: "ChangeTrial") -> Better | None:
+    """Return the change with which predictions so many samples ahead are clearly better, or None."""
     if not math.isfinite(trial.now):
         return None
     clear: dict[Change, float] = {}
     for change in trial.changes():
         error = trial.error(change)
         equally = EQUALLY * min(clear.values(), default=math.inf)
-        limit = min(clear_ratio(change.between) * trial.now, math.sqrt(y.shape[1]), equally)
+        limit = min(clear_ratio(change.between) * trial.now, math.sqrt(trial.y.shape[1]), equally)
         if error < limit and trial.is_clear(change):
             clear[change] = error
     if not clear:
@@ -186,6 +196,7 @@ class ChangeTrial:
     first: int
     engine: Engine | None
     dt: Array | None = None
+    ahead: int = HORIZONS[0]
     _known: dict[tuple[Any, ...], Array] = field(default_factory=dict)
 
     @cached_property
@@ -209,7 +220,7 @@ class ChangeTrial:
 
     @cached_property
     def now(self) -> float:
-        """The prediction error sqrt(J) of the unchanged log."""
+        """The prediction error sqrt(J) of the unchanged log; infinite if the log is too short."""
         return self.error(Change(()))
 
     def changes(self) -> Iterator[Change]:
@@ -220,7 +231,8 @@ class ChangeTrial:
             usual = [one for one in MAPS if one.fits(unit, values, ends) and (unit or not one.shift)]
             yield from (Change((j,), one) for one in usual)
             yield from self._scales(j, [one.scale for one in usual if not one.shift])
-        if self.dt is not None:
+            yield from self._offsets(j)
+        if self.dt is not None or self.ahead != HORIZONS[0]:
             return
         groups: list[tuple[int, ...]] = [(j,) for j in self.free if j in self.inputs or self.y.shape[1] > 1]
         groups += [self.inputs] if len(self.inputs) > 1 else []
@@ -256,6 +268,23 @@ class ChangeTrial:
         yield of(at)
         for width in (0.2, 0.1, 0.05, 0.02):
             at = min((at - width, at, at + width), key=lambda log: self.error(of(log)))
+        yield of(at)
+
+    def _offsets(self, j: int) -> Iterator[Change]:
+        """Yield changes of the signal number `j`, if it is an angle, by constants: the best of eighths of a turn is
+        refined by parabolas."""
+        turn, unit = self.signals[j].period, self.signals[j].unit
+
+        def of(offset: float) -> Change:
+            c = float(f"{offset:.3g}")
+            looks = f"itself {'-+'[c < 0]} {abs(c):g} {unit}".rstrip() + ", as of a sensor that is mounted turned"
+            return Change((j,), Map(f"{{}} {'+-'[c < 0]} {abs(c):g}", 1.0, c, looks))
+
+        if not turn:
+            return
+        at = min((turn * (k - (k > 0.5)) for k in EIGHTHS), key=lambda offset: self.error(of(offset)))
+        for width in (turn / 16, turn / 32, turn / 64, turn / 128):
+            at = min((at - width, at, at + width), key=lambda offset: self.error(of(offset)))
         yield of(at)
 
     def _shifts(self, group: tuple[int, ...], way: int) -> Iterator[Change]:
@@ -331,21 +360,22 @@ class ChangeTrial:
         return self._known[key]
 
     def _of(self, whole: Array, step: CallableStep | None = None) -> Array:
-        """Return the sum over outputs of (error/scale)^2 of
-        predictions for each sample (N), NaN without an error."""
+        """Return the sum over outputs of (error/scale)^2 of predictions for each sample (N), NaN without an error. An
+        output with few samples weighs as much as others: each sample counts by the inverse of their share."""
         step, (u, y) = step or self.step, (whole[:, : self.u.shape[1]], whole[:, self.u.shape[1] :])
         nothing = np.full(len(y), np.nan)
-        if len(y) <= self.first + AHEAD:
+        if len(y) - self.first < SEGMENTS * LEAST * self.ahead:
             return nothing
         step.reset()
         with np.errstate(all="ignore"):
-            scale = _scale(step.outputs, y)
-            for one in forecasts(step, step.run(u=u, y=y, engine=self.engine, dt=self.dt), u, y, (AHEAD,)):
+            scale = _scale(step.outputs, y, self.ahead)
+            for one in forecasts(step, step.run(u=u, y=y, engine=self.engine, dt=self.dt), u, y, (self.ahead,)):
                 if one.ahead is not None:
                     squares = np.where(one.compared, (one.model / scale) ** 2, np.nan)
                     there = np.isfinite(squares)
-                    total = np.where(there, squares, 0.0).sum(axis=1)
-                    return np.where(there.any(axis=1) & (np.arange(len(y)) >= self.first), total, np.nan)
+                    compared = there.any(axis=1)
+                    total = np.where(there, squares, 0.0) @ (compared.sum() / np.maximum(there.sum(axis=0), 1))
+                    return np.where(compared & (np.arange(len(y)) >= self.first), total, np.nan)
         return nothing
 
     def misfit(self, change: Change) -> float:
@@ -372,12 +402,12 @@ class ChangeTrial:
                 late = (names,)
         one = change.map
         errors = self.error(change), self.now
-        return Better(names, change.shift, one.scale, *errors, change.between, late, one.text, one.mends)
+        return Better(names, change.shift, one.scale, *errors, self.ahead, change.between, late, one.text, one.mends)
 
 
-def _scale(outputs: Sequence[Signal], y: Array) -> Array:
-    """The RMS error of copying each output (p); 1 for a constant output."""
-    errors = differences(outputs, last_values(y)[:-AHEAD], y[AHEAD:]).T
+def _scale(outputs: Sequence[Signal], y: Array, ahead: int) -> Array:
+    """Return the RMS error of copying each output (p) so many samples ahead; 1 for a constant output."""
+    errors = differences(outputs, last_values(y)[:-ahead], y[ahead:]).T
     return np.array([rms(error[np.isfinite(error)]) or 1.0 for error in errors])
 
 
