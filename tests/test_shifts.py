@@ -1,11 +1,13 @@
 """Signals taken some samples later or earlier, and the shift or sign that fits a record better."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy as sp
 from test_cli import hgogen
 
 import hgogen as hg
@@ -217,3 +219,50 @@ def test_run_takes_a_shift_and_says_which_is_better(tmp_path: Path) -> None:
     assert any("--shift tau=2" in note for note in further["notes"])
     _, said = hgogen(*words, "--shift", "u=1500", status=2)
     assert "leaves nothing" in said
+
+
+def vehicle(offset: float = 0.0, scale: float = 1.0, sign: float = 1.0) -> tuple[CallableStep, np.ndarray, np.ndarray]:
+    """A vehicle at 3 m/s with a gyro and a compass ten times a second and positions once a second, and its log; the
+    compass reads `offset` more, the gyro `scale` times the rate, the position east `sign` times itself."""
+    east, north = (hg.Signal(name, "m", low=-200, high=200) for name in ("x_east", "x_north"))
+    psi, rate = hg.Signal("psi", "rad", period=2 * np.pi), hg.Signal("gyro", "rad/s", low=-1, high=1)
+    outputs = *(hg.Signal(name, "m") for name in ("east", "north")), hg.Signal("compass", "rad", period=2 * np.pi)
+    states, flow = (east, north, psi), [3 * sp.cos(psi), 3 * sp.sin(psi), rate]
+    plant = hg.System("vehicle", states=states, inputs=(rate,), outputs=outputs, flow=flow, output=list(states))
+    observer = hg.observers.riccati(hg.forms.original(plant), Q=(0.3, 0.3, 0.003), R=(0.04, 0.04, 4e-4), theta=1)
+    draw, t = np.random.default_rng(5), 0.1 * np.arange(1600)
+    u = 0.3 * np.sin(0.2 * t) + 0.2 * np.sin(0.05 * t)
+    heading = np.cumsum(np.append(0, 0.1 * (u[1:] + u[:-1]) / 2))
+    y = np.column_stack([0.3 * np.cumsum(np.cos(heading)), 0.3 * np.cumsum(np.sin(heading)), heading + offset])
+    y += draw.normal(size=y.shape) * (0.5, 0.5, 0.06)
+    y[:, 2] = (y[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    y[:, 0] *= sign
+    y[np.arange(1600) % 10 > 0, :2] = np.nan
+    return hg.sample(observer, dt=0.1, between="line"), scale * u[:, None], y
+
+
+@pytest.mark.parametrize(
+    ("fault", "option"),
+    [
+        ({}, None),
+        ({"offset": 0.15}, '--map compass="compass - 0.'),
+        ({"offset": 0.5}, '--map compass="compass - 0.'),
+        ({"offset": -2.6}, '--map compass="compass + 2.'),
+        ({"scale": 1.25}, '--map gyro="gyro/1.'),
+        ({"sign": -1.0}, '--map east="-east"'),
+    ],
+    ids=str,
+)
+def test_a_fault_is_named_that_shows_in_a_slow_sensor_or_over_many_samples(
+    fault: dict[str, float], option: str | None
+) -> None:
+    """Over 5 of 10 samples a second, the noise of the compass hides the turning of the vehicle; the position that shows
+    where the compass points has a tenth of the samples."""
+    one = better_change(*vehicle(**fault), 100, native.engine())
+    assert (one is None) == (option is None)
+    if one is not None:
+        ((name, size),) = fault.items()
+        assert one.fault == name
+        assert option in (fix := one.sentence({}, {})[1])
+        assert name == "sign" or abs(float(re.findall(r"[\d.]+", fix)[0])) == pytest.approx(abs(size), rel=0.08)
+        assert one.error < 0.8 * one.present

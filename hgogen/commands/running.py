@@ -490,7 +490,8 @@ class InspectReport(ModelReport):
         yield from fault_lines(self.findings)
         yield from map(Text, self.notes)
         if not self.findings:
-            yield "no fault found, in the signals and in the innovations of the model's observer"
+            noted = ", but see the notes on the file above" if self.record.report.notes else ""
+            yield f"no fault found in the signals and in the innovations of the model's observer{noted}"
 
     def written(self, name: str) -> dict[str, str | bytes]:
         """Return by file name the figure of the signals with their faults marked; `name`: the log's name."""

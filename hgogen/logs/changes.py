@@ -283,7 +283,7 @@ class ChangeTrial:
         if not turn:
             return
         at = min((turn * (k - (k > 0.5)) for k in EIGHTHS), key=lambda offset: self.error(of(offset)))
-        for width in (turn / 16, turn / 32, turn / 64, turn / 128):
+        for width in (turn / 2**k for k in range(4, 10)):
             at = min((at - width, at, at + width), key=lambda offset: self.error(of(offset)))
         yield of(at)
 
