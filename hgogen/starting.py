@@ -162,8 +162,13 @@ def per_sample(observer: Callable[..., Observer], gains: Mapping[str, Any], dt: 
     the variance R/dt of one sample. Gains without R, or of an observer without R_per_sample, are unchanged."""
     if "R" not in gains or PER_SAMPLE not in signature(observer).parameters:
         return dict(gains)
-    variance = (np.asarray(gains["R"]) / dt).tolist()
-    return {PER_SAMPLE if key == "R" else key: variance if key == "R" else each for key, each in gains.items()}
+
+    def variance(density: Any) -> Any:
+        if isinstance(density, Mapping):
+            return {name: variance(each) for name, each in density.items()}
+        return (np.asarray(density) / dt).tolist()
+
+    return {PER_SAMPLE if key == "R" else key: variance(each) if key == "R" else each for key, each in gains.items()}
 
 
 def starting_gains(

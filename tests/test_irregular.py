@@ -18,6 +18,7 @@ from hgogen.logs.records import BadLog, step_limits
 from hgogen.logs.tune import likelihood_of
 from hgogen.reading.cells import BadRecord
 from hgogen.reading.measured import difference
+from hgogen.starting import per_sample
 
 Array = np.ndarray
 # minutes, and the insulin then, of an intravenous test: rows 2 to 20 min apart
@@ -184,6 +185,26 @@ def test_gains_are_tuned_from_row_to_row() -> None:
     for those in (wide, ~wide):
         assert np.mean((run.innovations[100:] ** 2 / run.variances[100:])[those]) == pytest.approx(1, abs=0.35)
     assert list(row.table["dt"]) == list(step.limits)
+
+
+def test_two_sensors_are_tuned_from_row_to_row() -> None:
+    """Gains by the names of the outputs, one of which comes in every other row."""
+    rng = np.random.default_rng(7)
+    t = np.cumsum(rng.choice([1.0, 1.4, 2.7], 200))
+    walk = np.cumsum(rng.normal(0, np.sqrt(0.2 * np.diff(t, prepend=t[0]))))
+    x = hg.Signal("x", low=-40, high=40)
+    outputs = hg.Signal("y", low=-40, high=40), hg.Signal("z", low=-80, high=80)
+    plant = hg.System("walk", states=(x,), outputs=outputs, flow=[0], output=[x, 2 * x])
+    samples = np.column_stack([walk + rng.normal(0, 0.5, 200), 2 * walk + rng.normal(0, 0.2, 200)])
+    samples[::2, 1] = np.nan
+    log = hg.Log(np.zeros((200, 0)), samples, 2.0, times=t)
+    row = hg.tune(plant, log, observers=("riccati",)).rows[0]
+    assert row.noise is not None
+    assert row.noise.sample["y"] == pytest.approx(0.5, rel=0.3)
+    variances = {name: sigma**2 for name, sigma in row.noise.sample.items()}
+    assert row.table["R_per_sample"] == pytest.approx(variances, rel=0.03)  # of two digits
+    rule, gains = hg.observers.riccati, {"Q": {"x": 0.2}, "R": {"y": 0.4, "z": [0.2, 6.0]}}
+    assert per_sample(rule, gains, 2.0) == {"Q": {"x": 0.2}, "R_per_sample": {"y": 0.2, "z": [0.1, 3.0]}}
 
 
 @pytest.mark.full

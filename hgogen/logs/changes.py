@@ -3,7 +3,7 @@
 One signal at a time is tried in another unit or with the other sign, times a factor, an angle plus a constant, shifted
 by samples, and inputs as held between samples:
 
-    J = sum over outputs of (RMS error of predictions h ahead, over that of copying)^2
+    J = mean over outputs of (RMS error of predictions h ahead, over that of copying)^2
 
 h is 5 samples, then 25, where no change is better over 5: the noise of a fast sensor hides the motion of the plant over
 few samples. Delays are tried over 5 alone, since they have less effect over many. J is the median over `SEGMENTS`
@@ -127,10 +127,15 @@ class Better:
         sensor = f"say delays = {{{delays}}} in the table of the observer and {ages}, by which the estimate is of now"
         if self.signal in self.late:
             return finding, f"{sensor}, or {fix} for this log alone; {lag}"
+        inputs = f"{' and '.join(self.names)} {acts}"
+        held = (
+            f"if {inputs} from its row to the next, as a command does, say {fix}: a call takes the input that acted "
+            "before it. Else "
+        )
         return finding, (
-            f"two readings fit equally: samples of {names} come {age} late, {sensor}; or {' and '.join(self.names)} "
-            f"{acts} {age} late, say {fix}, and delay it in the firmware too. Another output "
-            f"without delay, --truth, or a look at the hardware decides; {lag}"
+            f"{held if self.shift == 1 else ''}two readings fit equally: samples of {names} come {age} late, {sensor}; "
+            f"or {inputs} {age} late, say {fix}, and delay it in the firmware too. Another output without delay, "
+            f"--truth, or a look at the hardware decides; {lag}"
         )
 
     @property
@@ -166,7 +171,7 @@ def _better(trial: "ChangeTrial") -> Better | None:
     for change in trial.changes():
         error = trial.error(change)
         equally = EQUALLY * min(clear.values(), default=math.inf)
-        limit = min(clear_ratio(change.between) * trial.now, math.sqrt(trial.y.shape[1]), equally)
+        limit = min(clear_ratio(change.between) * trial.now, 1.0, equally)
         if error < limit and trial.is_clear(change):
             clear[change] = error
     if not clear:
@@ -228,10 +233,13 @@ class ChangeTrial:
         for j in self.free:
             unit, ends, values = self.signals[j].unit, self._ranges[j], self.values[:, j]
             values = values[np.isfinite(values)]
+            if self.signals[j].period:  # modulo a turn no other factor makes sense
+                yield Change((j,), NEGATED)
+                yield from self._offsets(j)
+                continue
             usual = [one for one in MAPS if one.fits(unit, values, ends) and (unit or not one.shift)]
             yield from (Change((j,), one) for one in usual)
             yield from self._scales(j, [one.scale for one in usual if not one.shift])
-            yield from self._offsets(j)
         if self.dt is not None or self.ahead != HORIZONS[0]:
             return
         groups: list[tuple[int, ...]] = [(j,) for j in self.free if j in self.inputs or self.y.shape[1] > 1]
@@ -271,8 +279,7 @@ class ChangeTrial:
         yield of(at)
 
     def _offsets(self, j: int) -> Iterator[Change]:
-        """Yield changes of the signal number `j`, if it is an angle, by constants: the best of eighths of a turn is
-        refined by parabolas."""
+        """Yield changes of the angle number `j` by constants: the best of eighths of a turn is refined by halving."""
         turn, unit = self.signals[j].period, self.signals[j].unit
 
         def of(offset: float) -> Change:
@@ -280,8 +287,7 @@ class ChangeTrial:
             looks = f"itself {'-+'[c < 0]} {abs(c):g} {unit}".rstrip() + ", as of a sensor that is mounted turned"
             return Change((j,), Map(f"{{}} {'+-'[c < 0]} {abs(c):g}", 1.0, c, looks))
 
-        if not turn:
-            return
+        assert turn is not None  # of an angle
         at = min((turn * (k - (k > 0.5)) for k in EIGHTHS), key=lambda offset: self.error(of(offset)))
         for width in (turn / 2**k for k in range(4, 10)):
             at = min((at - width, at, at + width), key=lambda offset: self.error(of(offset)))
@@ -360,7 +366,7 @@ class ChangeTrial:
         return self._known[key]
 
     def _of(self, whole: Array, step: CallableStep | None = None) -> Array:
-        """Return the sum over outputs of (error/scale)^2 of predictions for each sample (N), NaN without an error. An
+        """Return the mean over outputs of (error/scale)^2 of predictions for each sample (N), NaN without an error. An
         output with few samples weighs as much as others: each sample counts by the inverse of their share."""
         step, (u, y) = step or self.step, (whole[:, : self.u.shape[1]], whole[:, self.u.shape[1] :])
         nothing = np.full(len(y), np.nan)
@@ -374,8 +380,9 @@ class ChangeTrial:
                     squares = np.where(one.compared, (one.model / scale) ** 2, np.nan)
                     there = np.isfinite(squares)
                     compared = there.any(axis=1)
-                    total = np.where(there, squares, 0.0) @ (compared.sum() / np.maximum(there.sum(axis=0), 1))
-                    return np.where(compared & (np.arange(len(y)) >= self.first), total, np.nan)
+                    weights = compared.sum() / np.maximum(there.sum(axis=0), 1) / max(there.any(axis=0).sum(), 1)
+                    mean = np.where(there, squares, 0.0) @ weights
+                    return np.where(compared & (np.arange(len(y)) >= self.first), mean, np.nan)
         return nothing
 
     def misfit(self, change: Change) -> float:

@@ -190,12 +190,14 @@ def jitter(clock: Clock) -> Iterator[Finding]:
         return
     counts, edges = np.histogram(positive[positive <= 3 * clock.middle], bins=30)
     mode = float(edges[int(np.argmax(counts))] + (edges[1] - edges[0]) / 2)
+    mostly = f", mostly {mode:.3g}" if counts.max() > len(positive) / 2 else ""
     low, high = np.quantile(positive, (0.01, 0.99))
     text = (
-        f"rows are {mode:.3g} {clock.record.report.unit} apart at most places, from {low:.3g} to {high:.3g}: the steps "
-        f"of {clock.name} scatter by {100 * scatter:.3g} % of their median"
+        f"rows are {low:.3g} to {high:.3g} {clock.record.report.unit} apart{mostly}: the steps of {clock.name} scatter "
+        f"by {100 * scatter:.3g} % of their median"
     )
-    fix = f"a step of varying length takes rows at their times: dt = [{0.9 * low:.2g}, {1.1 * high:.2g}] in its table"
+    limits = f"dt = [{0.9 * low:.2g}, {1.1 * high:.2g}] in the table of the observer"
+    fix = f"a step of varying length takes rows at their times: {limits}"
     yield clock.finding("jitter", np.arange(len(clock.there)), scatter / _SCATTERED, text, fix)
 
 
