@@ -12,6 +12,7 @@ from scipy.stats import gamma
 from test_cli import hgogen
 
 import hgogen as hg
+from hgogen.commands.calibrating import AdviceReport, AdvisedRow
 from hgogen.logs.advise import Advised, advise, tau
 from hgogen.model import load
 from hgogen.modelfiles.setting import Setting
@@ -74,9 +75,9 @@ def test_what_is_certified_is_the_bound_of_the_check(rows: tuple[tuple[Advised, 
         observer = hg.observers.high_gain(form, theta=high_gain.certified * factor, poles=(-1, -1))
         (claim,) = (check for check in observer.checks if check.id == "high_gain.theta")
         assert (claim.verdict == "proved") is proved
-    assert f"is above what is certified, {high_gain.certified:.3g}" in high_gain.sentence
+    assert f"is certified, as it is above the smallest certified theta, {high_gain.certified:.3g}" in high_gain.sentence
     low = replace(high_gain, theta=high_gain.certified / 2)
-    assert f"is 2 times below what is certified, {high_gain.certified:.3g}" in low.sentence
+    assert f"is not certified, 2 times below the smallest certified theta, {high_gain.certified:.3g}" in low.sentence
     assert riccati.certified is riccati.theta is None
     assert riccati.sentence == ""
 
@@ -140,9 +141,29 @@ def test_what_does_not_settle_is_said(high_gain: Advised) -> None:
     )
     none = Advised("high_gain", high_gain.first, 2.0, 1.0, tried[:2])
     assert none.sentence == (
-        "theta 2 of high_gain is above what is certified, 1, and does not settle in the trial, nor does another that "
-        "was tried"
+        "theta 2 of high_gain is certified, as it is above the smallest certified theta, 1, and does not "
+        "settle in the trial, nor does another that was tried"
     )
+
+
+def test_a_row_that_noise_drowns_is_not_the_one_to_take(high_gain: Advised) -> None:
+    """Where noise alone makes more than half of the declared range of a state, the advice says so."""
+    assert high_gain.own is not None
+    half = {x.name: (x.interval[1] - x.interval[0]) / 2 for x in MODEL.plant.states}
+    assert half.keys() == high_gain.own.noise.keys()
+
+    def row(share: float) -> AdvisedRow:
+        first, *others = half
+        noise = {first: share * half[first], **dict.fromkeys(others, 0.0)}
+        return AdvisedRow(
+            replace(high_gain, name=f"at_{share}", tried=tuple(replace(t, noise=noise) for t in high_gain.tried))
+        )
+
+    quiet, loud = row(0.99), row(1.01)
+    assert (quiet.drowned, loud.drowned) == ((), (next(iter(half)),))
+    report = AdviceReport("", [], None, (loud, quiet), {}, "s")
+    assert report.take == "at_0.99"
+    assert report.notes[0] == f"at_1.01: noise alone moves {next(iter(half))} by over half its range"
 
 
 def test_each_theta_tried_is_had_by_its_time(high_gain: Advised) -> None:

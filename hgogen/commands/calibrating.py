@@ -618,9 +618,16 @@ class AdvisedRow:
         return cost(self.gains.first.step).operations
 
     @property
-    def rank(self) -> tuple[bool, int, int]:
-        """The sort key: rows that settle first, then by verdict, then by cost."""
-        return self.settled is None, KNOWN[self.gains.first.known][1], self.operations
+    def drowned(self) -> tuple[str, ...]:
+        """The names of the states of which noise alone makes an RMS error above half of the declared range."""
+        states = self.gains.first.step.observer.form.system.declared.states
+        half = {x.name: (x.interval[1] - x.interval[0]) / 2 for x in states if x.bounded}
+        return tuple(name for name, rms in self.noise.items() if rms > half.get(name, math.inf))
+
+    @property
+    def rank(self) -> tuple[bool, bool, int, int]:
+        """The sort key: rows that settle first, then those not drowned in noise, then by verdict, then by cost."""
+        return self.settled is None, bool(self.drowned), KNOWN[self.gains.first.known][1], self.operations
 
 
 @dataclass(frozen=True, eq=False)
@@ -648,8 +655,10 @@ class AdviceReport(ModelReport):
 
     @property
     def notes(self) -> list[str]:
-        """Sentences that compare each proposed theta with the certified and the settling ones."""
-        return [row.gains.sentence for row in self.rows if row.gains.sentence]
+        """Sentences on states that are drowned in noise, and on each proposed theta, the certified and the settling."""
+        drowned = {row.gains.name: row.drowned for row in self.rows if row.drowned}
+        noisy = [f"{name}: noise alone moves {', '.join(x)} by over half its range" for name, x in drowned.items()]
+        return [*noisy, *(row.gains.sentence for row in self.rows if row.gains.sentence)]
 
     def figures(self, plant: System) -> dict[str, Any]:
         """Return the figure of settling time and noise over theta; none if only one theta was tried."""

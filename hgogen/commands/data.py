@@ -316,5 +316,5 @@ def log_summary(
         for name, one in begins.items():
             grouped.setdefault(one.why, []).append(f"{name} = {one.value:g}")
         at = ", ".join(f"{', '.join(values)} ({why})" for why, values in grouped.items())
-        lines.append(f"the estimate starts at {at}, and elsewhere where the observer does")
+        lines.append(f"the estimate starts at {at}; all other states start where the observer does")
     return Group(Text(read.path, style="bold"), *(Text(f"  {line}") for line in lines), "")

@@ -180,6 +180,7 @@ class RecordRun(ModelReport):
         step = self.step
         yield log_summary(self.record.report, self.begins, self.findings)
         yield from fault_lines(self.findings)
+        yield Text(f"run by the {repr(step).strip('<>')}")
         yield from deviation_lines(step)
         yield status_table(step, self.status, len(self.record.t))
         yield from gates_table(self.acted.gates)
@@ -677,7 +678,7 @@ def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableTyp
     ]
     lines += [
         f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
-        f"of which {one.alike:.3g} tell as much as one"
+        f"that are correlated: {one.alike:.3g} tell as much as one independent sample"
         for one in [whole.states]
         if one is not None
     ]

@@ -86,8 +86,8 @@ class Advised:
         parts = []
         if self.certified is not None:
             ratio = self.certified / self.theta
-            far = f"{ratio:.2g} times below" if ratio >= 1 else "above"
-            parts.append(f"is {far} what is certified, {self.certified:.3g}")
+            far = f"not certified, {ratio:.2g} times below" if ratio >= 1 else "certified, as it is above"
+            parts.append(f"is {far} the smallest certified theta, {self.certified:.3g}")
         if self.tried and self.own is not None and self.own.settled is None:
             first, other = self.settles, ", nor does another that was tried"
             if first is not None:
