@@ -252,7 +252,8 @@ def fit_(
         by=by.value,
     )
     judged, result = _fitted_twice(fitted, logs, starts, AGAIN * robust, jobs, stopped, begun)
-    errors, unjudged = _judgement(loaded, observer, judged, logs) if logs.held_out else ([], "no rows were held out")
+    no_rows: tuple[list[PredictionErrors], str] = ([], "no rows were held out")
+    errors, unjudged = _judgement(loaded, observer, judged, logs, between) if logs.held_out else no_rows
     proposals = (
         *proposed_options(result, logs.allowed, robust, names["--offset"]),
         *proposed_lags(result, partial(_with_lag, fitted, result, logs, names["--lag"]), names["--lag"]),
@@ -360,9 +361,11 @@ class _NewModel:
         Folder(self.path.parent).write({self.path.name: to_text(result.plant, filled_tables)})
 
 
-def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> tuple[list[PredictionErrors], str]:
+def _judgement(
+    model: Model, observer: str | None, result: Fit, logs: Logs, between: str
+) -> tuple[list[PredictionErrors], str]:
     try:
-        judged = list(_judged(model, observer, result, logs))
+        judged = list(_judged(model, observer, result, logs, between))
     except HgogenError as error:
         if observer is not None:  # requested by name
             raise
@@ -370,7 +373,9 @@ def _judgement(model: Model, observer: str | None, result: Fit, logs: Logs) -> t
     return judged, "" if judged else "there is no sample in the rows held out that its observer does not reject"
 
 
-def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iterator[PredictionErrors]:
+def _judged(model: Model, observer: str | None, result: Fit, logs: Logs, between: str) -> Iterator[PredictionErrors]:
+    """Yield the errors in the validation rows, with inputs `between` samples as in the fit: it holds an input from its
+    row to the next one, and a step that since the call before, so that the step gets each input a row later."""
     fitted = model.valued({p.name: float(p.nominal or 0.0) for p in result.plant.parameters})
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
@@ -378,9 +383,13 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs) -> Iter
     limits = model.limits or step_limits(whole)
     for record, log, cut in ((logs.records[k], whole[k], cut) for k, cut in logs.judging.items()):
         u, y = record.of(model.plant.supplied), record.of(model.plant.outputs)
+        if between == "hold" and not model.plant.discrete:
+            u = np.concatenate([u[:1], u[:-1]])
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
             step = _step(variant, observer, limits or record.report.dt, result.noise).undelayed
+            if step.clock.between != between and not model.plant.discrete:
+                step = step.rebuilt(between=between)
             step.reset(float(record.t[0]))
             done = step.run(u=u, y=samples, engine=quickest_engine(step, len(samples)), dt=log.given(step))
             errors.append(predictions(step, done.since(cut), u[cut:], samples[cut:], _AHEAD))
