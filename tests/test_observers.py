@@ -574,7 +574,7 @@ def test_a_proof_is_sought_once_when_its_check_is_first_read(monkeypatch: pytest
         return unknown_checks(maker, 20.0, because("it is not sought here"))
 
     for user in ("convergence", "limited_injection", "region", "varying_gain"):
-        monkeypatch.setattr(f"hgogen.prove.{user}.claims", counted)
+        monkeypatch.setattr(f"hgogen.prove.{user}.convergence_checks", counted)
     shipped = load(MODELS / "pendulum.py")
     observer = getattr(hg.observers, name)(hg.forms.triangular(shipped.plant), **shipped.module.tuning[name])
     bank = hg.observers.bank(observer, count=2, period=0.1)
