@@ -167,7 +167,7 @@ def test_what_is_not_proved_is_said_not_to_be(sizes: dict[str, Any]) -> None:
 @pytest.mark.full
 def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights that are off by a millionth are as good to it."""
-    before, solved, random = manual(hg.signed(step_of(), **INPUTS)), questions.settled, np.random.default_rng(1)
+    before, solved, random = manual(hg.signed(step_of(), **INPUTS)), questions.best_solution, np.random.default_rng(1)
     bounds = hg.error_bound(step_of(), **INPUTS).bounds
 
     def otherwise(*arguments: Any) -> Any:
@@ -177,7 +177,7 @@ def test_digits_that_a_solver_leaves_open_are_not_printed(monkeypatch: pytest.Mo
         off = 1 + 1e-6 * random.random(known[0].shape)
         return known[0] * (off + off.T) / 2, known[1] * (1 + 1e-6 * random.random(known[1].shape))
 
-    monkeypatch.setattr(questions, "settled", otherwise)
+    monkeypatch.setattr(questions, "best_solution", otherwise)
     assert hg.error_bound(step_of(), **INPUTS).bounds != bounds
     assert manual(hg.signed(step_of(), **INPUTS)) == before
 
