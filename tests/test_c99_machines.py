@@ -224,6 +224,11 @@ MISRA = {
     "8.7": "the interface is called from other files",
     "12.1": "a*b + c without parentheses reads as the formula does",
 }
+TWICE = "knownConditionTrueFalse"  # of choices by one test, one in the other, as a derivative of them has
+EXCEPTIONS = {  # of the statistics of several innovations alone, of which samples may be missing
+    **{key: {TWICE} for key in ("gated", "gated_points", "sure_columns", "joint_iterated_ekf")},
+    "sure": {"10.8"},  # the count of samples is a sum of ones in the working precision, cast as a whole
+}
 
 
 @pytest.mark.slow
@@ -235,8 +240,9 @@ def test_checked_with_misra_s_rules(name: str, tmp_path: Path) -> None:
     # work values stand at the top of their function and start at 0
     hidden = [f"--suppress={kind}" for kind in ("missingIncludeSystem", "unreadVariable", "variableScope")]
     report = run([tool("cppcheck"), *options, *hidden, firmware(name, tmp_path)], tmp_path)
-    assert set(re.findall(r"misra-c2012-([\d.]+)", report)) <= MISRA.keys()
-    assert not re.findall(r"\[(?!misra)[a-zA-Z]+\]$", report, re.MULTILINE), report
+    known = EXCEPTIONS.get(name, set())
+    assert set(re.findall(r"misra-c2012-([\d.]+)", report)) <= MISRA.keys() | known
+    assert set(re.findall(r"\[(?!misra)([a-zA-Z]+)\]$", report, re.MULTILINE)) <= known, report
 
 
 _DRIVER = Template("""

@@ -666,6 +666,13 @@ def test_a_yaw_that_no_sensor_sees_does_not_look_known() -> None:
     assert 0.9 * start < yaw @ run.covariance[-1] @ yaw < 1.01 * start
 
 
+@pytest.mark.parametrize(("name", "factor"), [("unit_vector", "root"), ("hyperbola", "D")])
+def test_a_factor_of_the_covariance_may_be_zero_on_the_invariants(name: str, factor: str) -> None:
+    """The projected covariance has no variance across them: its limits, which the step keeps, admit that."""
+    (field,) = (each for each in emitted(name).layout.state if each.name == factor)
+    assert max(field.low) == 0
+
+
 @pytest.mark.parametrize("name", ["unit_vector", "hyperbola"])
 def test_every_call_ends_on_them(name: str) -> None:
     """From a start off them, with samples that contradict them, missing ones, and after a restart."""

@@ -5,8 +5,9 @@
     z <- z - V g c/(g' V g),   N = 1 - V g g'/(g' V g)     for another c, g = dc/dz: one Newton step
 
 after each prediction and correction, at the start and after a restart; several invariants one after the other. N P N'
-is singular: it has no variance across c = 0. Variances along c = 0 do not shrink. A measurement of c = 0 in place of
-the projection would shrink them: a yaw that no sensor observes would look known.
+is singular: it has no variance across c = 0, so that the smallest value of an entry of a factor of P is 0. Variances
+along c = 0 do not shrink. A measurement of c = 0 in place of the projection would shrink them: a yaw that no sensor
+observes would look known.
 
 Source: Simon, "Optimal State Estimation" (2006), 7.5.2, with the covariance by the Jacobian of the projection.
 """
@@ -19,7 +20,7 @@ import sympy as sp
 from hgogen.graph import Graph
 from hgogen.observer import Observer
 from hgogen.part import Pieces
-from hgogen.program import Block, Call, Program, Section, column, stacked, sym
+from hgogen.program import Block, Call, Program, Section, address, column, stacked, sym
 from hgogen.reading.given import BadGain
 from hgogen.stepping.projection import estimate_fields, placed, weights
 
@@ -39,16 +40,23 @@ def constrained(observer: Observer, pieces: Pieces) -> Pieces:
     x = stacked(fields)
     projected, N = _projected(observer, x, weights(fields))
     program: Program = ()
+    kept = pieces.fields
     if pieces.covariance is not None:
         if pieces.congruence is None:
             reason = f"of {observer.name} has no inverse on the invariants of {system.name}, and this method stores it"
             raise BadGain("the covariance", reason, fix="take continuous_discrete or cholesky")
         program = pieces.congruence(N)
+        factors = {address(symbol)[0].name for symbol in ca.symvar(pieces.covariance)}
+        kept = tuple(
+            replace(each, low=tuple(min(low, 0.0) for low in each.low)) if each.name in factors else each
+            for each in pieces.fields
+        )
     program = (*program, Block("the estimate onto the invariants of the plant", placed(fields, projected)))
     section = Section("keep_invariants", "project the estimate onto the invariants of the plant", program)
     call = (Call(section),)
     return replace(
         pieces,
+        fields=kept,
         predict=(*pieces.predict, *call),
         update=tuple((*each, *call) if each and not pieces.correct else each for each in pieces.update),
         correct=(*pieces.correct, *call) if pieces.correct else (),

@@ -308,7 +308,7 @@ class Assembly:
         the count of calls, the last input, and the last sample if `predict` reads it."""
         system = self.observer.form.system
         counted = period_fields(system.outputs, self.completes) if self.rated else order_fields(self._ordered)
-        parts = flat(piece.fields for piece in self.pieces)
+        parts = self.combined.fields
         most, later = (2, ", then 2") if self.adapt else (1, "")
         predicts = self.clock.first == "predict"
         meaning = "always 1: the first call predicts" if predicts else f"0 before the first call, 1 after it{later}"
