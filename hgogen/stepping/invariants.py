@@ -40,14 +40,14 @@ def constrained(observer: Observer, pieces: Pieces) -> Pieces:
     x = stacked(fields)
     projected, N = _projected(observer, x, weights(fields))
     program: Program = ()
-    kept = pieces.fields
+    memory = pieces.fields
     if pieces.covariance is not None:
         if pieces.congruence is None:
             reason = f"of {observer.name} has no inverse on the invariants of {system.name}, and this method stores it"
             raise BadGain("the covariance", reason, fix="take continuous_discrete or cholesky")
         program = pieces.congruence(N)
         factors = {address(symbol)[0].name for symbol in ca.symvar(pieces.covariance)}
-        kept = tuple(
+        memory = tuple(
             replace(each, low=tuple(min(low, 0.0) for low in each.low)) if each.name in factors else each
             for each in pieces.fields
         )
@@ -56,7 +56,7 @@ def constrained(observer: Observer, pieces: Pieces) -> Pieces:
     call = (Call(section),)
     return replace(
         pieces,
-        fields=kept,
+        fields=memory,
         predict=(*pieces.predict, *call),
         update=tuple((*each, *call) if each and not pieces.correct else each for each in pieces.update),
         correct=(*pieces.correct, *call) if pieces.correct else (),
