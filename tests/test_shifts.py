@@ -266,3 +266,11 @@ def test_a_fault_is_named_that_shows_in_a_slow_sensor_or_over_many_samples(
         assert option in (fix := one.sentence({}, {})[1])
         assert name == "sign" or abs(float(re.findall(r"[\d.]+", fix)[0])) == pytest.approx(abs(size), rel=0.08)
         assert one.error < 0.8 * one.present
+
+
+@pytest.mark.parametrize(
+    ("factor", "text", "fault"),
+    [(1.0, "{} + 273.15", "scale"), (1.0, "{} - 0.5", "offset"), (-1.0, "-{}", "sign"), (0.5, "{}/2", "scale")],
+)
+def test_another_unit_is_no_offset_of_the_sensor(factor: float, text: str, fault: str) -> None:
+    assert changes.Better("y", 0, factor, 0.1, 1.0, 5, map=text).fault == fault

@@ -380,15 +380,15 @@ def _judged(model: Model, observer: str | None, result: Fit, logs: Logs, between
     added = {one.name: one.value for one in result.offsets}  # the offset of each output's sensor
     offsets = np.array([added.get(y.name, 0.0) for y in result.plant.outputs])
     whole = logs.whole
-    limits = model.limits or step_limits(whole)
+    limits, as_fitted = model.limits or step_limits(whole), not model.plant.discrete
     for record, log, cut in ((logs.records[k], whole[k], cut) for k, cut in logs.judging.items()):
         u, y = record.of(model.plant.supplied), record.of(model.plant.outputs)
-        if between == "hold" and not model.plant.discrete:
+        if as_fitted and between == "hold":
             u = np.concatenate([u[:1], u[:-1]])
         errors = []
         for variant, samples in ((fitted, y - offsets), (model, y)):
             step = _step(variant, observer, limits or record.report.dt, result.noise).undelayed
-            if step.clock.between != between and not model.plant.discrete:
+            if as_fitted and step.clock.between != between:
                 step = step.rebuilt(between=between)
             step.reset(float(record.t[0]))
             done = step.run(u=u, y=samples, engine=quickest_engine(step, len(samples)), dt=log.given(step))

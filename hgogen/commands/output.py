@@ -72,10 +72,11 @@ class _Continued(Table):
 
         room = options.max_width - min(width_of(texts), options.max_width // 2)
         for column in self.columns[split:]:
-            width += width_of([column])
-            if width > room and parts[-1]:
+            own = width_of([column])
+            if width + own > room and parts[-1]:
                 parts.append([])
-                width = width_of([column])
+                width = 0
+            width += own
             parts[-1].append(column)
         for k, columns in enumerate(parts):
             table = self.part([*texts, *columns])

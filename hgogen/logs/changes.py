@@ -23,7 +23,7 @@ has the same log as with those others changed.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -32,7 +32,7 @@ import numpy as np
 
 from hgogen.call import CallableStep
 from hgogen.reading.measured import shifted
-from hgogen.run.prediction import AS_IT_IS, MAPS, Map, forecasts, rms
+from hgogen.run.prediction import AHEAD, AS_IT_IS, MAPS, Map, forecasts, rms
 from hgogen.run.samples import Engine, last_values
 from hgogen.signal import Signal, derived, differences
 from hgogen.stepping.guards import readings
@@ -44,9 +44,9 @@ CLEAR = 0.8  # ratio of RMS errors below which one is clearly less; an early inp
 CLEAR_COURSE = 0.9  # the same of the course of inputs between samples, of which there are two
 EQUALLY = 1.05  # ratio of errors of changes that fit equally
 SEGMENTS = 8
-HORIZONS = (5, 25)  # samples ahead
+HORIZONS = (AHEAD, 25)  # samples ahead
 LEAST = 2  # horizons in a segment
-EIGHTHS = tuple(k / 8 for k in range(1, 8))  # of a turn: first offsets of an angle; the best one is refined
+OFFSETS = tuple(k / 8 for k in range(-3, 5))  # turns: first offsets of an angle, and none; the best one is refined
 SCALES = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.4, 2.0, 3.0, 5.0, 7.0, 10.0)  # first factors; the best one is refined
 _USUAL = 0.02  # relative difference to a usual factor, which is taken in its place
 
@@ -92,10 +92,12 @@ class Better:
 
     @property
     def fault(self) -> str:
-        """The kind of change in one word: between, delay, sign or scale."""
+        """The kind of change in one word: between, delay, sign, offset (of an angle) or scale (also another unit)."""
         if self.between or self.shift:
             return "between" if self.between else "delay"
-        return "sign" if self.factor == -1 else "offset" if self.factor == 1 else "scale"
+        if self.factor == -1:
+            return "sign"
+        return "offset" if self.factor == 1 and self.map not in {one.text for one in MAPS} else "scale"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -270,16 +272,10 @@ class ChangeTrial:
             )
 
         logs = [math.log(scale) for scale in SCALES]
-        at = min(logs, key=lambda log: self.error(of(log)))
-        if self.error(of(at)) >= self.now:
-            return
-        yield of(at)
-        for width in (0.2, 0.1, 0.05, 0.02):
-            at = min((at - width, at, at + width), key=lambda log: self.error(of(log)))
-        yield of(at)
+        yield from self._refined(of, logs, (0.2, 0.1, 0.05, 0.02))
 
     def _offsets(self, j: int) -> Iterator[Change]:
-        """Yield changes of the angle number `j` by constants: the best of eighths of a turn is refined by halving."""
+        """Yield changes of the angle number `j` by a constant: the best of `OFFSETS` is refined by halving."""
         turn, unit = self.signals[j].period, self.signals[j].unit
 
         def of(offset: float) -> Change:
@@ -288,9 +284,23 @@ class ChangeTrial:
             return Change((j,), Map(f"{{}} {'+-'[c < 0]} {abs(c):g}", 1.0, c, looks))
 
         assert turn is not None  # of an angle
-        at = min((turn * (k - (k > 0.5)) for k in EIGHTHS), key=lambda offset: self.error(of(offset)))
-        for width in (turn / 2**k for k in range(4, 10)):
-            at = min((at - width, at, at + width), key=lambda offset: self.error(of(offset)))
+        yield from self._refined(of, [turn * k for k in OFFSETS], [turn / 2**k for k in range(4, 10)])
+
+    def _refined(
+        self, of: Callable[[float], Change], values: Iterable[float], widths: Iterable[float]
+    ) -> Iterator[Change]:
+        """Yield the best change `of` a number among `values`, and the best with this number moved by the `widths`;
+        nothing if it errs more than no change."""
+
+        def error(value: float) -> float:
+            return self.error(of(value))
+
+        at = min(values, key=error)
+        if error(at) > self.now:
+            return
+        yield of(at)
+        for width in widths:
+            at = min((at - width, at, at + width), key=error)
         yield of(at)
 
     def _shifts(self, group: tuple[int, ...], way: int) -> Iterator[Change]:
