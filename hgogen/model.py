@@ -33,7 +33,7 @@ from hgogen.reading.given import Misfit
 from hgogen.reading.text_model import BadModelFile, read
 from hgogen.registry import Displayed
 from hgogen.rigor.box import box
-from hgogen.starting import per_sample
+from hgogen.starting import longest, per_sample
 from hgogen.system import System
 from hgogen.trial import Trial
 from hgogen.which_forms import of
@@ -211,15 +211,23 @@ class Model(Displayed):
             return tuning
         if name not in (*observers.__all__, *SYNONYMS):
             raise MissingPart(self.path, self._untuned(name))
-        period = dt or self.setting.longest or (self._default_period if self.has("step") else None)
+        period = dt or self.period
         rows = [of(self.setting.form, self.plant)] if self.setting.form else everywhere(self.plant)
-        one = first(name, rows, period)
+        one = first(name, rows, period and longest(period))
         if isinstance(one, NoFirst):
             raise MissingPart(self.path, self._unstarted(name, one)) from one.too_long
         table = one.table()
-        if isinstance(self.setting.dt, tuple):
-            table = per_sample(getattr(observers, name), table, self.setting.dt[1])
+        if isinstance(period, tuple):
+            table = per_sample(getattr(observers, name), table, period[1]) | {"dt": list(period)}
         return replace(tuning, tables={**tuning.tables, name: table})
+
+    @property
+    def period(self) -> float | tuple[float, float] | None:
+        """The sampling period, or the shortest and the longest one: of the setting, else of the model's own step; None
+        without either. Raises: as `step` does."""
+        if self.setting.dt is not None or not self.has("step"):
+            return self.setting.dt
+        return self.limits or self._default_period
 
     @property
     def limits(self) -> tuple[float, float] | None:

@@ -157,6 +157,11 @@ class Starting:
         return not self.none
 
 
+def longest(dt: Any) -> float:
+    """Return the period `dt`; for a pair (shortest, longest) the longest."""
+    return float(dt[-1] if isinstance(dt, list | tuple) else dt)
+
+
 def per_sample(observer: Callable[..., Observer], gains: Mapping[str, Any], dt: float) -> dict[str, Any]:
     """Return the gains of an observer for a step in which dt varies: R, a density at the period `dt`, is replaced by
     the variance R/dt of one sample. Gains without R, or of an observer without R_per_sample, are unchanged."""

@@ -208,6 +208,19 @@ def test_a_model_without_a_trial_gets_one(row: str, sentence: str, many: bool, t
     assert (len(json.loads((tmp_path / "advised.json").read_text())["rows"][0]["tried"]) > 1) is many
 
 
+@pytest.mark.parametrize("dt", [0.02, [0.01, 0.02]])
+def test_gains_are_for_the_periods_of_the_model(dt: float | list[float], tmp_path: Path) -> None:
+    path = tmp_path / "chain.toml"
+    path.write_text(f'{OSCILLATOR}[observer]\nkind = "riccati"\nQ = [0.01, 1]\nnoise = {{y = 0.01}}\ndt = {dt}\n')
+    words = ("--observers", "high_gain,riccati,switched_gain", "-o", str(tmp_path))
+    report = json.loads(hgogen("advise", str(path), *words, "--json")[0])
+    assert {str(each["dt"]) for each in report["tuning"].values()} == {str(dt)}
+    assert ("switched_gain" in report["refused"]) is isinstance(dt, list)
+    advised = load(path).set(Setting(tuning=tmp_path / "advised.json"))
+    steps = [advised.step("high_gain"), advised.step("riccati_advised"), load(path).step("ukf")]
+    assert {(step.shortest, step.dt) for step in steps} == {(min(np.atleast_1d(dt)), 0.02)}
+
+
 @pytest.mark.full
 def test_an_own_form_of_a_tuning_is_asked(tmp_path: Path) -> None:
     """Of a tuning that has the observer's name: the gains get another one, and the form is still found."""
@@ -228,15 +241,18 @@ def test_processes_give_the_same_advice(rows: tuple[tuple[Advised, ...], dict[st
 
 
 @pytest.mark.full
-def test_a_truth_is_simulated_once_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("dt", [5e-3, (1e-3, 5e-3)])
+def test_a_truth_is_simulated_once_a_period(dt: float | tuple[float, float], monkeypatch: pytest.MonkeyPatch) -> None:
     periods: list[float] = []
 
-    def counted(plant: hg.System, trial: hg.trial.Trial, dt: float) -> hg.trial.Truth:
+    def counted(plant: hg.System, trial: hg.trial.Trial, dt: float, times: np.ndarray | None) -> hg.trial.Truth:
+        assert (times is not None) is varying
         periods.append(dt)
-        return hg.trial.simulate(plant, trial, dt)
+        return hg.trial.simulate(plant, trial, dt, times)
 
+    varying = isinstance(dt, tuple)
     monkeypatch.setattr("hgogen.logs.advise.simulate", counted)
-    advise(MODEL.plant, dt=5e-3, observers=["high_gain", "low_power"], trial=hg.proposed_trial(MODEL.plant))
+    advise(MODEL.plant, dt=dt, observers=["high_gain", "low_power"], trial=hg.proposed_trial(MODEL.plant))
     assert periods == [5e-3]
 
 

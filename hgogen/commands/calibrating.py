@@ -723,7 +723,7 @@ def advise_(
     with Bar("observers", len(names) or len(kinds.__all__)) as bar:
         advised, refused = advise(
             plant,
-            dt=setting.longest,
+            dt=loaded.period,
             noise=sigmas,
             settling=settling,
             observers=names or None,

@@ -28,9 +28,9 @@ from hgogen.run import native
 from hgogen.run.campaign import Workers
 from hgogen.run.metrics import metrics
 from hgogen.signal import differences
-from hgogen.starting import Scale, gains_of, scale, two_digits
+from hgogen.starting import Scale, gains_of, longest, scale, two_digits
 from hgogen.system import System
-from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, run_feeds, simulate
+from hgogen.trial import OrnsteinUhlenbeck, Trial, Truth, feeds, first_memory, run_feeds, sample_times, simulate
 from hgogen.which_forms import Row
 
 SETTLED_SHARE = 0.01  # of the initial error
@@ -105,7 +105,7 @@ class NoneAdmitted(BadArgument):
 def advise(
     plant: System,
     *,
-    dt: float | None = None,
+    dt: float | tuple[float, float] | None = None,
     noise: Mapping[str, float] | None = None,
     settling: float | None = None,
     observers: Iterable[str] | None = None,
@@ -118,11 +118,11 @@ def advise(
     """Return the proposed gains of the observers that a plant admits, and the reasons why other observers have none, by
     name.
 
-    `dt`: the sampling period, by default that of the starting gains; `noise`: the standard deviation of a sample by
-    output, by default 1 % of half its range; `settling`: the requested settling time of an initial error; `trial`: a
-    trial on which other values of theta are run, such as `hg.proposed_trial(plant)`; `rows`: the candidate forms, by
-    default those that the plant is in, the slow ones only if `deep`; `jobs`: processes, None for one for each core;
-    `each(what)` is called after every observer.
+    `dt`: the sampling period, or the shortest and the longest, by default that of the starting gains; `noise`: the
+    standard deviation of a sample by output, by default 1 % of half its range; `settling`: the requested settling time
+    of an initial error; `trial`: a trial on which other values of theta are run, such as `hg.proposed_trial(plant)`;
+    `rows`: the candidate forms, by default those that the plant is in, the slow ones only if `deep`; `jobs`: processes,
+    None for one for each core; `each(what)` is called after every observer.
 
     Raises: `UnknownObserver`; `NoneAdmitted`; `BadGain` for a dt, a noise or a time that is not positive; `BadTrial`.
     """
@@ -143,7 +143,7 @@ def advise(
 
 @dataclass(frozen=True)
 class _Problem:
-    dt: float | None
+    dt: float | tuple[float, float] | None
     noise: Mapping[str, float] | None
     settling: float | None
     trial: Trial | None
@@ -155,7 +155,7 @@ class _Problem:
         return [(row, row.form) for row in self.rows if row.form is not None and not refuted(row.form.checks)]
 
     def scale(self, form: Form) -> Scale:
-        base = scale(form, self.dt, self.noise)
+        base = scale(form, self.dt and longest(self.dt), self.noise)
         if self.settling is None:
             return base
         return replace(base, theta=max(1.0, two_digits(tau(max(base.blocks)) / self.settling)))
@@ -197,7 +197,8 @@ class _Problem:
         """Return the settling time of a step on the trial, None for never, and the RMS of the estimate
         due to noise alone, by state; `noise`: the standard deviation of a sample by output."""
         if step.dt not in self.truths:
-            self.truths[step.dt] = simulate(step.observer.form.system.declared, trial, step.dt)
+            plant, times = step.observer.form.system.declared, sample_times(step, trial)
+            self.truths[step.dt] = simulate(plant, trial, step.dt, times)
         truth, start = self.truths[step.dt], first_memory(step, trial)
         clean, noisy = (
             next(run_feeds(step, feeds(step, replace(trial, noise=each), truth, (0,)), start, native.engine()))
@@ -221,6 +222,6 @@ def tau(n: int) -> float:
     return high
 
 
-def _first(name: str, row: Row, numbers: Scale, dt: float | None) -> First | str:
+def _first(name: str, row: Row, numbers: Scale, dt: float | tuple[float, float] | None) -> First | str:
     gains = gains_of(getattr(every, name), numbers)
     return gains if isinstance(gains, str) else first_of(name, row, gains, dt or numbers.dt, {})

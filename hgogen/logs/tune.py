@@ -41,14 +41,14 @@ from hgogen.logs.records import (
     readable,
     step_limits,
 )
-from hgogen.modelfiles.tuning import First, everywhere, longest, value
+from hgogen.modelfiles.tuning import First, everywhere, value
 from hgogen.observer import OF_MAPS, Observer
 from hgogen.reading.given import count, requires_any_plant, requires_switches
 from hgogen.registry import Displayed
 from hgogen.run.backends import quickest_engine
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
-from hgogen.starting import Gains, Scale, Starting, gains_of, per_sample, scale, two_digits
+from hgogen.starting import Gains, Scale, Starting, gains_of, longest, per_sample, scale, two_digits
 from hgogen.step import StepMayFail
 from hgogen.system import System
 from hgogen.theorem import Convergence

@@ -52,7 +52,7 @@ from hgogen.reading.files import READERS
 from hgogen.reading.given import BadGain
 from hgogen.reading.text_model import NUMBER, TABLE, TEXT, BadModelFile, demand_keys
 from hgogen.signal import plural
-from hgogen.starting import Starting, starting_gains
+from hgogen.starting import Starting, longest, starting_gains
 from hgogen.step import StepMayFail, StepTooLong
 from hgogen.stepping.delays import delayed
 from hgogen.system import System
@@ -71,11 +71,6 @@ TYPES = {
     "delays": TABLE,
     **dict.fromkeys(("kind", "between", "guards", "prefer", "first", "real"), TEXT),
 }
-
-
-def longest(dt: Any) -> float:
-    """Return the period `dt` of a table; for a pair (shortest, longest) the longest."""
-    return float(dt[-1] if isinstance(dt, list | tuple) else dt)
 
 
 @dataclass(frozen=True)
