@@ -320,8 +320,8 @@ def supplied(inputs: Iterable[Signal]) -> tuple[Signal, ...]:
 
 
 def with_times(inputs: Sequence[Signal], u: np.ndarray, first: Sequence[float], passed: np.ndarray) -> np.ndarray:
-    """Return all inputs (N, m) from those that a caller supplies, u (N, ..), and the times; `first`: the value of each
-    time at the first sample, `passed` (N): the time since the first sample."""
+    """Return all inputs (N, m) at N samples: the columns of `u`, which a caller supplies, then a column for each input
+    that is a `Time`: its value in `first` at the first sample, plus the time `passed` (N) since the first sample."""
     return np.column_stack([u, *(start + passed for start, _ in zip(first, times(inputs), strict=True))])
 
 

@@ -327,8 +327,9 @@ class WindowGramian:
 
 
 class Course:
-    """A(t) (n, n) and C(t) (p, n), expressions of the time and of parameters in the intervals `ends`, with series in
-    balls. Raises: `NoTape` for an expression without a series."""
+    """A linear plant x' = A(t) x, y = C(t) x that yields its transition matrix and its observability Gramian with
+    rigorous error bounds, by Taylor series in the time; A (n, n), C (p, n). `ends`: each parameter in A and C, with the
+    ends of its interval. Raises: `NoTape` for an expression without a series."""
 
     def __init__(self, A: sp.Matrix, C: sp.Matrix, time: sp.Symbol, ends: Sequence[tuple[sp.Symbol, Any, Any]]) -> None:
         self.n, self.p = A.rows, C.rows

@@ -144,9 +144,9 @@ def bound_at(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> I
 
 
 def bound_in_floats(bounded: Bounded, W: Array, q: int, c: Array, alpha: Fraction) -> tuple[float, Array] | None:
-    """Return an unproved bound of |c e|, c (N), under `q` inputs of at most 1, by the noise inequality at this `alpha`,
-    and W = P^(-1/2) (N, N) of its P, in floats; None where the solver finds no P. `bounded`, `W` as in
-    `input_bound`."""
+    """Return an unproved bound of |c e|, c (N), under `q` inputs of at most 1, and P^(-1/2) (N, N), for a P in floats
+    that satisfies the noise inequality at this `alpha`; None where the solver finds no such P. `bounded`, and `W`, the
+    solver's coordinates, as in `input_bound`."""
     forms, row = [form.floats for form in bounded(alpha)], floats(c[None])
     weights = weights_in_floats(forms, row, float(alpha), W, q, _MARGIN)
     if weights is None or any(np.linalg.eigvalsh(form.value(*weights)).max() >= 0 for form in forms):

@@ -295,8 +295,9 @@ class LyapunovDecay:
 
 
 def lyapunov_decay(step: CallableStep, trial: Trial, engine: Engine | None = None) -> LyapunovDecay | None:
-    """Return the decay of V = e' S e, S = P^-1, on a trial without noise, for a step whose covariance P is that of its
-    estimate; None for others. Raises: as `hgogen.trial.try_out`."""
+    """Return how V = e' P^-1 e changes from call to call on a trial without noise: its largest ratio and its time. None
+    for a step without a covariance P, for a bank of observers, and where P is not positive definite. Raises: as
+    `hgogen.trial.try_out`."""
     known = uncertainty(step)
     if known is None or known.members is not None:
         return None
