@@ -7,11 +7,13 @@ import re
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from datetime import UTC, datetime
 from io import StringIO
 from itertools import product
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import casadi as ca
@@ -20,9 +22,12 @@ import plants
 import pytest
 import sympy as sp
 from emitted import compiled, files, parsed, run, step, tool
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import hgogen as hg
 from hgogen.emit.code import COLUMNS
+from hgogen.emit.node import CHOOSE, Node, ordered, read
 from hgogen.emit.printer import Operand, Printer
 from hgogen.emit.rolled import Target
 from hgogen.emit.syntax import BeyondFloat
@@ -326,6 +331,67 @@ def test_what_a_test_has_decided_is_not_asked_again() -> None:
     assert (once, inner) == ("t1 ? a : 0.0f", "t1 ? ((b < a) ? a : 0.0f) : 0.0f")
     assert number != "a"  # it is 0 or 1
     assert flags == ["t1"] * 3
+    opposite = ca.SX.binary(zero, test, a - ca.SX.binary(zero, ca.logic_not(test), b))
+    deep = ca.SX.binary(zero, test, a * ca.sin(ca.if_else(ca.logic_and(test, a < 0), b, a)))
+    graph = ca.Function("graph", [a, b], [opposite, deep])
+    printer = Printer(C, "float", "x", inputs=lambda k, _: Operand("ab"[k]), local=lambda k, _: "ab"[k])
+    _, result = printer.body(graph, targets[:2])
+    assert result.lines[0] == "t1 ? a - 0.0f : 0.0f"
+    assert result.lines[1] == "t1 ? a*x_sin((a < 0.0f) ? b : a) : 0.0f"
+
+
+_OPS: dict[int, Callable[..., float]] = {
+    ca.OP_LT: operator.lt,
+    ca.OP_NOT: operator.not_,
+    ca.OP_AND: lambda a, b: a and b,
+    ca.OP_OR: lambda a, b: a or b,
+    ca.OP_ADD: operator.add,
+    ca.OP_SUB: operator.sub,
+    ca.OP_MUL: operator.mul,
+    ca.OP_NEG: operator.neg,
+    ca.OP_IF_ELSE_ZERO: lambda test, yes: yes if test else 0.0,
+    CHOOSE: lambda test, yes, no: yes if test else no,
+}
+
+
+def same_values(graph: ca.Function) -> bool:
+    """Whether the nodes that are read from a graph of three inputs have its values."""
+    outputs = [node for output in read(graph) for node in output]
+    for values in product((-1.0, 0.0, 2.0), repeat=3):
+        results = dict[Node, float]()
+        for node in ordered(outputs):
+            if node.op == ca.OP_INPUT:
+                results[node] = values[node.source[0]]
+            elif node.op == ca.OP_CONST:
+                results[node] = node.constant
+            else:
+                results[node] = _OPS[node.op](*(results[arg] for arg in node.args))
+        if [results[node] for node in outputs] != [float(value) for value in graph(*values)]:
+            return False
+    return True
+
+
+def test_a_branch_that_is_also_used_elsewhere_is_not_decided() -> None:
+    inputs = [ca.SX.sym(name) for name in "abc"]
+    first, second = inputs[0] < inputs[1], inputs[1] < inputs[2]
+    inner = ca.SX.binary(ca.OP_IF_ELSE_ZERO, second, inputs[0] * inputs[2])
+    shared = ca.SX.binary(ca.OP_IF_ELSE_ZERO, first, inputs[1] - inner)
+    both = ca.SX.binary(ca.OP_IF_ELSE_ZERO, ca.logic_and(first, second), inputs[0] + shared)
+    assert same_values(ca.Function("graph", inputs, [both, shared]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_choices_within_choices_have_the_values_of_the_graph(random: Random) -> None:
+    numbers = [*(inputs := [ca.SX.sym(name) for name in "abc"])]
+    tests = [inputs[0] < inputs[1], inputs[1] < inputs[2]]
+    for _ in range(12):
+        test, other = random.choice(tests), random.choice(tests)
+        tests.append(random.choice([ca.logic_not(test), ca.logic_and(test, other), ca.logic_or(test, other)]))
+        yes, no = random.choice(numbers[-4:]), random.choice(numbers)
+        kinds = [ca.SX.binary(ca.OP_IF_ELSE_ZERO, test, yes), ca.if_else(test, yes, no), yes + no, -yes]
+        numbers.append(random.choice(kinds))
+    assert same_values(ca.Function("graph", inputs, numbers[-2:]))
 
 
 def test_a_bit_that_is_never_raised_is_not_printed() -> None:

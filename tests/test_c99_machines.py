@@ -224,11 +224,9 @@ MISRA = {
     "8.7": "the interface is called from other files",
     "12.1": "a*b + c without parentheses reads as the formula does",
 }
-TWICE = "knownConditionTrueFalse"  # of choices by one test, one in the other, as a derivative of them has
-EXCEPTIONS = {  # of the statistics of several innovations alone, of which samples may be missing
-    **{key: {TWICE} for key in ("gated", "gated_points", "sure_columns", "joint_iterated_ekf")},
-    "sure": {"10.8"},  # the count of samples is a sum of ones in the working precision, cast as a whole
-}
+EXCEPTIONS = {
+    "sure_columns": {"knownConditionTrueFalse"}
+}  # its predictors restart each sample, so the test always holds
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ the same place; in a bank, whose members have parameters of their own, they are 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from itertools import islice
+from itertools import chain, islice
 from math import inf
 from typing import NamedTuple
 
@@ -186,6 +186,7 @@ class Node:
 _PAIRED = {ca.OP_OR: ca.OP_LT, ca.OP_AND: ca.OP_LE}
 _BOOLEAN = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR}
 CLAMP, WITHIN, CHOOSE, KEEP = -1, -2, -3, -4
+_CHOICES = (CHOOSE, ca.OP_IF_ELSE_ZERO)
 ELEMENT = -5  # of a result of a routine, or of an array
 NEAREST = -6  # the whole number nearest to one
 ARRAY = -7  # a whole argument, which a call passes as an array
@@ -223,7 +224,63 @@ def read(function: ca.Function, intervals: bool = False) -> list[list[Node]]:
         test, value = node.args
         if test.op == WITHIN and value.op == CLAMP and test.args[0] is value.args[0]:
             node.op, node.args = KEEP, (*value.args, Node(ca.OP_CONST), test.args[1])
+    if any(node.op in _CHOICES for node in nodes):
+        _decide(outputs)
     return outputs
+
+
+def _decide(outputs: list[list[Node]]) -> None:
+    """Replace each choice in a branch of another choice by the one of its branches that is taken there, where the outer
+    test decides it. A node with several uses stays as it is, since one of these may be outside the branch."""
+    known: dict[Node, dict[Node, bool]] = {node: {} for node in chain(*outputs)}  # the decided tests of each used node
+    for node in reversed(ordered(known)):
+        if node not in known:
+            continue
+        around = [known[node]] * len(node.args)
+        if node.op in _CHOICES:
+            around[1:] = [around[0] | _implied(node.args[0], branch == 1) for branch in range(1, len(node.args))]
+        node.args = tuple(map(_reduced, node.args, around))
+        for arg, tests in zip(node.args, around, strict=True):
+            known[arg] = {} if arg in known else tests
+
+
+def _reduced(node: Node, tests: Mapping[Node, bool]) -> Node:
+    """Return the innermost part of a node that equals the node where `tests` have these values."""
+    while part := _equal_part(node, tests):
+        node = part
+    return node
+
+
+def _equal_part(node: Node, tests: Mapping[Node, bool]) -> Node | None:
+    """Return the part of a node that equals the node where `tests` have these values, or None: the branch of a choice
+    that is taken, or the undecided operand of `and`, `or`."""
+    values = [_decided(arg, tests) for arg in node.args]
+    if node.op in _CHOICES and values[0] is not None:
+        return (*node.args, Node(ca.OP_CONST))[1 if values[0] else 2]
+    if node.op in LOGIC:
+        args = (
+            arg if value is None else Node(ca.OP_CONST, constant=float(value))
+            for arg, value in zip(node.args, values, strict=True)
+        )
+        return _neutral(node.op, tuple(args))
+    return None
+
+
+def _decided(test: Node, tests: Mapping[Node, bool]) -> bool | None:
+    """Return the value of a test where those of `tests` are known, None where it does not follow."""
+    if test.op == ca.OP_NOT:
+        opposite = _decided(test.args[0], tests)
+        return None if opposite is None else not opposite
+    return tests.get(test)
+
+
+def _implied(test: Node, value: bool) -> dict[Node, bool]:
+    """Return the values of tests that follow from that of `test`: of its opposite, and of each test in an `and` that
+    holds or in an `or` that does not."""
+    if test.op == ca.OP_NOT:
+        return _implied(test.args[0], not value)
+    parts = test.args if test.op == (ca.OP_AND if value else ca.OP_OR) else ()
+    return {test: value} | {each: decided for part in parts for each, decided in _implied(part, value).items()}
 
 
 def _called(function: Lookup | ca.Function, values: list[Node]) -> list[Node]:
@@ -258,7 +315,7 @@ def ordered(roots: Iterable[Node]) -> list[Node]:
 
 
 def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
-    if (same := _decided(op, args)) is not None:
+    if (same := _neutral(op, args)) is not None:
         return same
     if op == ca.OP_ADD and args[0].op == args[1].op == ca.OP_IF_ELSE_ZERO:
         (test, yes), (opposite, no) = args[0].args, args[1].args
@@ -281,12 +338,9 @@ def _node(op: int, args: tuple[Node, ...], intervals: bool) -> Node:
     return Node(op, args)
 
 
-def _decided(op: int, args: tuple[Node, ...]) -> Node | None:
-    """Return the one of `args` that equals the result of `op` bit for bit, or
-    None: for a choice nested in a choice by an equal test, and for `and`,
-    `or` of a truth value with itself or with a neutral constant."""
-    if op == ca.OP_IF_ELSE_ZERO and args[1].op == op and args[1].args[0] is args[0]:
-        return args[1]
+def _neutral(op: int, args: tuple[Node, ...]) -> Node | None:
+    """Return the one of `args` that equals the result of `op`, or None: for `and`, `or` of a truth value with itself or
+    with a neutral constant."""
     if op in (ca.OP_AND, ca.OP_OR):
         for one, other in (args, args[::-1]):
             idle = other.op == ca.OP_CONST and bool(other.constant) == (op == ca.OP_AND)

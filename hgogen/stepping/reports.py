@@ -165,13 +165,16 @@ def innovations(observer: Observer, clock: Clock, pieces: Pieces) -> Program:
     there = [ca.fabs(y) <= LARGEST_NUMBER for y in raw]
     plain = (dynamics.output_error(j, raw[j], predicted[j]) for j in outputs)
     errors = [dynamics.output_error(j, error, joint.bias[j]) for j, error in enumerate(plain)]
+    flags = [Place("work", f"sampled_{y.name}") for y in observer.form.system.outputs]
     values = {
-        "innovation_e": column(ca.if_else(ok, e, ca.SX.nan()) for ok, e in zip(there, errors, strict=True)),
-        "innovation_S": pack(joint.covariance),
-        "innovation_count": sum(there[1:], there[0]),
+        Place("state", "innovation_e"): column(map(ca.if_else, there, errors, [ca.SX.nan()] * len(there))),
+        Place("state", "innovation_S"): pack(joint.covariance),
+        **dict(zip(flags, there, strict=True)),
     }
-    block = Block("the innovations at the prediction", {Place("state", name): value for name, value in values.items()})
-    return pieces.inside((*joint.program, block))
+    block = Block("the innovations at the prediction", values)
+    count, so_far = Place("state", "innovation_count"), sym("state", "innovation_count")
+    program = (*joint.program, block, Block("of how many samples", {count: ca.SX(0)}))
+    return pieces.inside((*program, *(When(flag, (Block("of one more", {count: so_far + 1}),)) for flag in flags)))
 
 
 _AT = "take riccati, ukf or iterated_ekf by continuous_discrete or cholesky, or leave the report out"
