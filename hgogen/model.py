@@ -90,6 +90,9 @@ class Model(Displayed):
     tables: Mapping[str, Any] = field(default_factory=dict)
     take: str = ""
 
+    def __repr__(self) -> str:
+        return f"<model {self.name} in {self.path}>"
+
     def set(self, setting: Setting) -> "Model":
         """Return the model with the `setting` (a form, a method or a period of its steps, tunings, values of
         parameters) in place of the file's own, which is read again for parameters. Raises: `UnknownCase`; `BadFile`,

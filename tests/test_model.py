@@ -23,6 +23,7 @@ def model(folder: Path, text: str | bytes, name: str = "made.py") -> Path:
 def test_a_model_has_its_parts():
     loaded = load(MODELS / "fitzhugh_nagumo.py")
     assert loaded.name == "fitzhugh_nagumo"
+    assert repr(loaded) == f"<model fitzhugh_nagumo in {loaded.path}>"
     assert loaded.plant.name == "fitzhugh_nagumo"
     assert loaded.step().dt == 0.01
     assert [trial.name for trial in loaded.trials()] == ["one_jump", "six_jumps"]

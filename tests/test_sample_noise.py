@@ -196,7 +196,8 @@ def test_a_text_model_takes_each_spelling(tmp_path: Path) -> None:
 
 def test_what_is_no_noise_is_met_at_the_door() -> None:
     for arguments, words in (
-        ({}, "has no measurement noise; give one of R, R_per_sample or noise"),
+        ({}, "has neither process nor measurement noise; give Q, and noise or R"),
+        ({"Q": 1}, "has no measurement noise; give one of R, R_per_sample or noise"),
         ({"R": 1}, "has no process noise; give one of Q or Q_per_sample"),
         ({"Q": (1, 1), "R": 1, "noise": {"y": 1}}, "twice, as R and noise"),
         ({"Q": (1, 1), "Q_per_sample": (1, 1), "R": 1}, "twice, as Q and Q_per_sample"),

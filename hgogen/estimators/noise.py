@@ -178,6 +178,8 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     inputs = {name: noise.pop(name) ** 2 for name in names_of(form.system.supplied) if name in noise}
     if not noise:
         known.pop("noise", None)
+    if "Q" in own and not (inputs or known.keys() & {"R", "R_per_sample", "noise", "Q", "Q_per_sample", "U"}):
+        raise BadGain(observer, "has neither process nor measurement noise; give Q, and noise or R")
     _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
     varying = None
     for name in ("R", "R_per_sample"):
