@@ -178,9 +178,7 @@ def _read(observer: str, form: Form, arguments: Mapping[str, Any], own: Containe
     inputs = {name: noise.pop(name) ** 2 for name in names_of(form.system.supplied) if name in noise}
     if not noise:
         known.pop("noise", None)
-    if "Q" in own and not (inputs or known.keys() & {"R", "R_per_sample", "noise", "Q", "Q_per_sample", "U"}):
-        raise BadGain(observer, "has neither process nor measurement noise; give Q, and noise or R")
-    _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
+    _demand_measured(observer, known, inputs, own)
     varying = None
     for name in ("R", "R_per_sample"):
         if has_expressions(known.get(name)):
@@ -206,6 +204,12 @@ def _demand_density(observer: str, form: Form, known: Mapping[str, Any]) -> None
         raise BadGain("density = True", "is for differential equations: Q and R of a discrete plant are of one sample")
     if known.get("density") and not known.keys() & {*_DENSITIES}:
         raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
+
+
+def _demand_measured(observer: str, known: Mapping[str, Any], inputs: Mapping[str, float], own: Container[str]) -> None:
+    if "Q" in own and not (inputs or known.keys() & {"R", "R_per_sample", "noise", "Q", "Q_per_sample", "U"}):
+        raise BadGain(observer, "has neither process nor measurement noise; give Q, and noise or R")
+    _demand_one(observer, known, "measurement noise", ("R", "R_per_sample", "noise"))
 
 
 def _of_a_sample(
