@@ -1,4 +1,4 @@
-"""A record replayed in float, the bits that fly, and how far it is from double."""
+"""A record replayed in float, as the firmware computes, and how far it is from double."""
 
 import json
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_run_says_how_far_float_is_from_double(tmp_path: Path) -> None:
     assert all(0 < one["share"] < 1e-4 for one in answer["from_double"])
     single = np.genfromtxt(tmp_path / "log_estimates.csv", delimiter=",", names=True)
     shown = hgogen(*words, "--real", "float")[0]
-    assert "the bits that fly" in shown
+    assert "as the firmware computes" in shown
     answer = json.loads(hgogen(*words, "--json")[0])
     assert (answer["real"], answer["from_double"]) == ("double", [])
     double = np.genfromtxt(tmp_path / "log_estimates.csv", delimiter=",", names=True)

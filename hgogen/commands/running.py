@@ -189,7 +189,7 @@ class RecordRun(ModelReport):
         title = "RMS error of the estimate, by the truth"
         rows = ((name, cell(error) or "nothing measured", units[name]) for name, error in self.hidden.items())
         yield from filled(headed(title, "state", "error", "unit", rows=rows))
-        title = "in float, the bits that fly: the largest difference from double"
+        title = "in float, as the firmware computes: the largest difference from double"
         columns = ("state", "difference", "unit", f"at ({step.time})", "share", "of its")
         rows_ = (
             (one.state, f"{one.largest:.3g}", Text(one.unit), f"{one.t:.4g}", f"{one.share:.2g}", one.of)
