@@ -157,7 +157,7 @@ class CallableStep(Step, Displayed):
         if not self.code.timed:
             raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
         if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
-            raise BadShape(f"update({at!r}, ..)", "must be told the number of a period, a whole number from 0")
+            raise BadShape(f"update({at!r}, ..)", "needs the number of a period, a whole number from 0")
         self._kept.places[AT][0] = int(at) % ROUND
 
     def adapt(self) -> Sample:

@@ -167,7 +167,7 @@ class Signal(sp.Symbol):  # type: ignore[misc]
     ) -> "Signal":
         check_name(name)
         if len(name) > LONGEST:
-            raise BadName(name, f"has {len(name)} characters, and C tells names apart by {LONGEST}")
+            raise BadName(name, f"has {len(name)} characters, and C distinguishes names by {LONGEST}")
         for what, text in (("unit", unit), ("meaning", meaning)):
             if not isinstance(text, str):
                 raise BadRange(name, f"{what} = {text!r} is not text; numbers go to nominal=, low=, high=")

@@ -174,8 +174,10 @@ def test_no_form_at_all(tmp_path: Path) -> None:
     assert set(observers[2:]) == {"ukf", "iterated_ekf"}
     assert {one.known for one in advised.admitted} == {"no theorem"}
     assert "x1 in place of y (triangular)" in advised.notes[0]
-    assert advised.notes[1].startswith("Almost everywhere y and its derivatives are states in a form: `hgogen check ")
-    assert "--deep` asks" in advised.notes[1]
+    assert advised.notes[1].startswith(
+        "Almost everywhere y and its derivatives can serve as the states of a form: `hgogen check "
+    )
+    assert "--deep` tests whether this holds" in advised.notes[1]
     assert hg.survey(model.plant, deep=True)["phase"].verdict is Verdict.PROVED
 
 
@@ -186,16 +188,18 @@ def test_other_states_are_advised_only_where_a_form_has_them(output: str, more: 
     path = write(tmp_path, {"x1": "x2**2 - x1", "x2": "x1**2 - 2*x2 + u"}, output, **more)
     path.write_text(f"{path.read_text()}inputs.u = {{low = -1, high = 1}}\n")
     _, advised = asked(path)
-    own = "No form asked is proved of the plant, and no theorem covers an observer in its own states: "
+    own = "No requested form is proved for the plant, and no theorem covers an observer in the plant's own states: "
     assert any(note.startswith(own) for note in advised.notes)
     assert "other states" not in " ".join(advised.notes).lower()
 
 
 def test_what_is_hidden_is_named(tmp_path: Path) -> None:
     _, advised = asked(write(tmp_path, {"x1": "-x1", "x2": "x1 - x2"}, "x1"))
-    assert advised.notes[0].startswith("No observer tells x2 from these outputs: measure x2 as well, or leave it out")
+    assert advised.notes[0].startswith(
+        "No observer can estimate x2 from these outputs: measure x2 as well, or leave it out"
+    )
     _, tied = asked(write(tmp_path, {"x1": "-x1 + x2 - x3", "x2": "0", "x3": "0"}, "x1"))
-    assert tied.notes[0] == "No observer tells x2, x3 from these outputs: measure x2 or x3 as well."
+    assert tied.notes[0] == "No observer can estimate x2, x3 from these outputs: measure x2 or x3 as well."
 
 
 @pytest.mark.full
@@ -207,7 +211,7 @@ def test_what_is_only_accepted_is_not_admitted(tmp_path: Path) -> None:
     assert (admitted["riccati"].form, admitted["riccati"].known) == ("original", "no theorem")
     assert made(model, admitted["riccati"], tmp_path).observer.accepted == ()
     assert admitted["kalman_like"].name == "kalman_like"
-    assert any("riccati is built only by accepting what is refuted: triangular.a_2" in note for note in advised.notes)
+    assert any("riccati needs these refuted checks to be accepted: triangular.a_2" in note for note in advised.notes)
 
 
 def test_many_states_are_asked_for_little(tmp_path: Path) -> None:
@@ -221,7 +225,7 @@ def test_many_states_are_asked_for_little(tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", ["generate", "build"])
 @pytest.mark.parametrize(
     ("flow", "notes"),
-    [("0", ["hgogen: No observer tells z, d from these outputs: measure z or d as well."]), ("-z", [])],
+    [("0", ["hgogen: No observer can estimate z, d from these outputs: measure z or d as well."]), ("-z", [])],
 )
 def test_code_of_an_unobservable_plant_comes_with_a_note(
     tmp_path: Path, command: str, flow: str, notes: list[str]
@@ -238,4 +242,4 @@ outputs.y = {{equation = "z + d"}}
 """)
     done = CliRunner().invoke(app, [command, str(path), "-o", str(tmp_path / command)])
     assert done.exit_code == 0, done.output
-    assert [line for line in done.output.splitlines() if "No observer tells" in line] == notes
+    assert [line for line in done.output.splitlines() if "No observer can estimate" in line] == notes

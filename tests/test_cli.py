@@ -202,7 +202,7 @@ def test_check_of_a_plant_in_no_form(here: Path):
     assert "in triangular form" not in out
     assert out.count("y brings in soc, v together") == 1
     assert "hgogen check MODEL tells" not in out  # which is what it does
-    assert "has the structure of none of the forms asked" in err
+    assert "has the structure of none of the requested forms" in err
 
 
 def test_check_of_a_plant_that_is_not_observable(here: Path):
@@ -431,7 +431,7 @@ def test_run(here: Path):
     assert files(folder) == sorted(Path(path).name for path in answer["files"])
     assert len(files(folder)) == 9
     assert [(p["ahead"], p["count"]) for p in answer["predictions"]] == [(1, 999), (5, 995), (None, 999)]
-    assert answer["notes"][-1] == "no sample is there to compare with predictions 1000, 99999999 samples ahead"
+    assert answer["notes"][-1] == "there is no sample to compare with predictions 1000, 99999999 samples ahead"
     assert answer["record"]["rows"] == answer["record"]["samples"] == 1000
     with (folder / "log_estimates.csv").open() as stream:
         rows = list(csv.DictReader(stream))
@@ -544,7 +544,7 @@ def test_check_begins_with_its_answer(here: Path):
     assert first.endswith(": triangular but for a_2 (accepted); convergence unknown")
     assert as_json("check", "neuron")["headline"] == first
     assert hgogen("check", str(MODELS / "sir.toml"), "--all")[0].startswith(
-        "sir: R not observable; in none of the forms asked; no observer\n"
+        "sir: R not observable; in none of the requested forms; no observer\n"
     )
     headline = hgogen("check", str(MODELS / "pendulum.py"), "--all")[0].split("\n")[0]
     assert "; triangular, uniform, state_affine, proved; convergence proved in continuous time, for its " in headline

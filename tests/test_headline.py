@@ -15,7 +15,7 @@ from hgogen.which_forms import Survey
 
 FILES = sorted(path for path in MODELS.glob("*.*") if path.is_file())
 QUICK = ("sir", "fitzhugh_nagumo", "cascaded_tanks", "pmsm")  # none, another form, a recast plant, two outputs
-NONE = "in none of the forms asked"
+NONE = "in none of the requested forms"
 
 
 def agrees(line: str, survey: Survey) -> None:

@@ -120,8 +120,8 @@ def test_the_truth_and_the_burn_in(tmp_path: Path) -> None:
         (("--truth", "w=speed"), "has no column 'speed'"),
         (("--initial", "q"), "must read NAME=NUMBER"),
         (("--initial", "v=1"), "v"),
-        (("--burn-in", "9"), "leaves nothing of a record of 3.99 s"),
-        (("--burn-in", "inf"), "inf s leaves nothing of a record of 3.99 s"),
+        (("--burn-in", "9"), "leaves nothing of a log of 3.99 s"),
+        (("--burn-in", "inf"), "inf s leaves nothing of a log of 3.99 s"),
     ],
 )
 def test_bad_words_are_refused(words: tuple[str, str], reason: str, tmp_path: Path) -> None:

@@ -342,8 +342,8 @@ def test_the_grid_of_a_clock_that_jitters_ends_where_its_rows_do(tmp_path: Path,
         (0.2, None),
         (0.05, None),
         (0.1005, None),
-        (0.139, "is 1.39 times the step's dt, 0.1 s: rows and samples fall apart; with --dt 0.139 (dt=)"),
-        (0.08, "is 0.8 times the step's dt, 0.1 s: rows and samples fall apart; with --dt 0.08 (dt=)"),
+        (0.139, "is 1.39 times the step's dt, 0.1 s: rows and samples do not match; with --dt 0.139 (dt=)"),
+        (0.08, "is 0.8 times the step's dt, 0.1 s: rows and samples do not match; with --dt 0.08 (dt=)"),
         (0.21, "is 2.1 times the step's dt, 0.1 s: between rows"),
         (0.02, "is 0.2 times the step's dt, 0.1 s: only the row nearest"),
         (100, "is 1000 times the step's dt, 0.1 s: are its times milliseconds?"),
@@ -362,7 +362,7 @@ def test_a_file_that_is_not_there_is_said_before_what_is_asked_of_its_rows(tmp_p
 
 def test_a_record_of_one_sample_is_a_sentence(tmp_path: Path):
     for text in ("t,y\n5,1\n", "t,y\n5,1\n5,2\n5.04,3\n"):
-        with pytest.raises(BadRecord, match=r"make 1 sample of 0\.1 s; give a record of at least 2"):
+        with pytest.raises(BadRecord, match=r"make 1 sample of 0\.1 s; give a log of at least 2"):
             read(log(tmp_path, text), {"y": "y"}, dt=0.1, time="t")
 
 

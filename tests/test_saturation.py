@@ -181,7 +181,7 @@ def test_below_one_it_is_proved_where_the_inequality_holds() -> None:
         (
             lambda: swing(first=-(x1**3)),
             {"saturate": {"x2": 1}, "arguments": False},
-            r"arguments = False wants a limit of every row of b; give one for x1",
+            r"arguments = False needs a limit of every row of b; give one for x1",
         ),
         (lambda: hg.forms.phase(swing().system, original=True), {"saturate": 1}, r"saturate is for a form in whose"),
     ],

@@ -976,7 +976,7 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
     )
     assert "holds no number for truth of v; say --truth v=COLUMN" in hgogen(*words, "--truth", "v=v", status=2)[1]
     said, beside = hgogen(*words, "--horizon", "1,500", "--json")
-    assert "no sample is there to compare with predictions 500 samples ahead" in json.loads(said)["notes"]
+    assert "there is no sample to compare with predictions 500 samples ahead" in json.loads(said)["notes"]
     assert "tuning riccati of the model has no step at dt = 0.05 s: " in beside
     assert "v" in beside.partition("tuning riccati of the model has no step at dt = 0.05 s: ")[2]
 

@@ -154,7 +154,7 @@ def saturated(form: Form, saturate: Limits, arguments: bool) -> Form:
     ends = tuple(map(_ends, form.names, limits, form.signs))
     loose = [name for name, row, end in zip(form.names, form.b, ends, strict=True) if row != 0 and end == _ANY]
     if loose and not arguments:
-        raise BadGain("arguments = False", f"wants a limit of every row of b; give one for {', '.join(loose)}")
+        raise BadGain("arguments = False", f"needs a limit of every row of b; give one for {', '.join(loose)}")
     return replace(form, limits=ends, free=not arguments)
 
 

@@ -205,10 +205,10 @@ class _Tuned:
     def omissions(self, rows: Mapping[str, Admitted]) -> Iterator[str]:
         slow = [kind for kind in dict.fromkeys(self.slow) if kind not in rows]
         if slow:
-            yield f"Tuned, and built with --deep only, for it may take seconds: {', '.join(slow)}."
+            yield f"Built only with --deep, since this may take seconds: {', '.join(slow)}."
         for kind, ids in self.accepting.items():
             if kind not in rows or rows[kind].proposed:
-                yield f"The tuning of {kind} is built only by accepting what is refuted: {', '.join(ids)}."
+                yield f"The tuning of {kind} needs these refuted checks to be accepted: {', '.join(ids)}."
         for name, error in self.refused.items():
             yield f"The tuning {name} is refused: {error}"
 
@@ -253,8 +253,8 @@ def _lost(plant: System, observability: Observability) -> Iterator[str]:
     hidden, alternative = set(known.lost), ""
     other_rates = [rate for x, rate in zip(plant.states, plant.flow, strict=True) if x not in hidden]
     if other_rates and not any(e.free_symbols & hidden for e in (*other_rates, *plant.output)):
-        alternative = ", or leave it out of the model, of which the other states are a plant of their own"
-    yield f"No observer tells {names} from these outputs{condition}: {known.advice}{alternative}."
+        alternative = ", or leave it out of the model, since the other states form a complete plant"
+    yield f"No observer can estimate {names} from these outputs{condition}: {known.advice}{alternative}."
 
 
 def _notes(model: Model, observability: Observability, survey: Survey) -> Iterator[str]:
@@ -278,11 +278,11 @@ def _advice_without_form(model: Model, survey: Survey) -> str:
     for_any_input = not plant.inputs or survey["Gauthier-Bornard"].verdict is Verdict.GENERIC
     if len(plant.outputs) == 1 and for_any_input and phase.why == NOT_TRIED:
         y = plant.outputs[0].name
-        ask = f"`hgogen check {model.path} --deep` asks whether they are on the whole ranges (form phase)"
-        return f"Almost everywhere {y} and its derivatives are states in a form: {ask}."
+        ask = f"`hgogen check {model.path} --deep` tests whether this holds on the whole ranges (form phase)"
+        return f"Almost everywhere {y} and its derivatives can serve as the states of a form: {ask}."
     return (
-        "No form asked is proved of the plant, and no theorem covers an observer in its own states: try what you take "
-        "on trials that are like your plant, by `hgogen simulate`."
+        "No requested form is proved for the plant, and no theorem covers an observer in the plant's own states: test "
+        "the observer by simulation (`hgogen simulate`)."
     )
 
 

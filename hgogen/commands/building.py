@@ -512,7 +512,7 @@ def simulate_(
     chosen, engine = one_or_all(trials, trial), engine_here(reader)
     if campaign_options:
         if out is not None:
-            note("of a campaign no figures are drawn, and --out names a folder for nothing")
+            note("a campaign draws no figures, so --out has no use")
         rows = campaigns(lambda _: {observer or step.observer.name: step}, chosen, engine, campaign_options, seeds)
         return SimulatedCampaigns(loaded.path, gains_by_name(step.layout.gains), rows)
     if out is not None:

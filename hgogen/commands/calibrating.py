@@ -287,9 +287,7 @@ def tune_(
         begun_work(folder, BEGUN, "tuning")
     true = truth_of(plant, truth or ())
     if tune_on == "truth" and not true:
-        raise typer.BadParameter(
-            "truth is asked for and there is none; add --truth STATE=COLUMN", param_hint="--tune-on"
-        )
+        raise typer.BadParameter("needs a measured state; add --truth STATE=COLUMN", param_hint="--tune-on")
     logs = logs_of(
         plant,
         data,

@@ -325,7 +325,7 @@ class ShortAnswer(CheckReport):
             return f"{gap.id}: {gap.reason}"
         if self.observability.known.rank.unobservable:
             advised = self.observability.known.advice
-            return advised or "ask a trial: its motion may show what the plant at a point hides"
+            return advised or "declare a trial: along a motion the outputs may show more than at a point"
         for check in self.claims.open if self.claims.demanded else ():
             return f"{check.id} is refuted: {check.advice or check.reason}"
         if self.weakest is not None and self.weakest.below_resolution:
@@ -629,7 +629,7 @@ def _forms(survey: Survey, claims: Checked) -> Iterator[str]:
     elif known:
         yield _form(claims.form, claims.accepted)
     else:
-        yield _form(survey.best, ()) if survey.candidates else "in none of the forms asked"
+        yield _form(survey.best, ()) if survey.candidates else "in none of the requested forms"
     if claims.demanded and not known:
         yield f"its observer's form{', of the recast plant' * recast}: {_form(claims.form, claims.accepted)}"
 

@@ -217,8 +217,8 @@ def _note_without_observer(model: Model, survey: Survey, form: Form) -> str:
     if form.structured or model.setting.form:
         return f"{model.path} has no observer: the checks are those of the {form.kind} form alone"
     if proved:
-        return f"{model.path} has no observer; of the forms asked its plant is in {proved}, proved, and in no other"
-    return f"{model.path} has no observer, and its plant has the structure of none of the forms asked"
+        return f"{model.path} has no observer; of the requested forms its plant is in {proved}, proved, and in no other"
+    return f"{model.path} has no observer, and its plant has the structure of none of the requested forms"
 
 
 _COLOURS = {Verdict.PROVED: "green", Verdict.REFUTED: "red", Verdict.UNKNOWN: "yellow"}

@@ -293,7 +293,7 @@ def too_far(ahead: Iterable[int], compared: Iterable[int | None]) -> Iterator[st
     compare there."""
     far = ", ".join(map(str, sorted({*ahead} - {*compared})))
     if far:
-        yield f"no sample is there to compare with predictions {far} samples ahead"
+        yield f"there is no sample to compare with predictions {far} samples ahead"
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class RecordRun(ModelReport):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences on the reliability of the run."""
-        acted = (f"the law of recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
+        acted = (f"the fault recovery acted: {self.acted.sentence(self.step.time)}",) if self.acted else ()
         differing = precision_warnings(self.from_double, self.step.time)
         known, more = self.doubts
         explained = bool(self.findings)  # by a cause with its fix, in whose place symptoms would name another
@@ -363,7 +363,7 @@ def _begun(
 
 def _counted(step: CallableStep, burn_in: float, t: np.ndarray) -> int:
     if not burn_in * (1 - ROUNDING) <= t[-2] - t[0]:  # NaN is refused too
-        reason = f"{burn_in:g} {step.time} leaves nothing of a record of {t[-1] - t[0]:g} {step.time}"
+        reason = f"{burn_in:g} {step.time} leaves nothing of a log of {t[-1] - t[0]:g} {step.time}"
         raise typer.BadParameter(reason, param_hint="--burn-in")
     return int(np.searchsorted(t - t[0], burn_in * (1 - ROUNDING)))
 
@@ -714,7 +714,7 @@ def gates_table(shares: Iterable[GateShare]) -> Iterable[RenderableType]:
 def window_table(trial: str, gramians: Iterable[Gramian], unit: str) -> RenderableType:
     """Return the table of the observability Gramians of windows along a trial; `unit`: the unit of time."""
     names = (f"d ({unit})", "smallest eigenvalue", "median", "weakest direction", "its share")
-    table = headed(f"what a window d shows along trial {trial}: its observability Gramian", *names)
+    table = headed(f"the observability Gramian of windows d along trial {trial}: its observability Gramian", *names)
     for one in gramians:
         (low, high), (name, share) = one.range, one.weakest
         table.add_row(f"{one.d:g}", f"{low:.2g} .. {high:.2g}", f"{one.median:.2g}", name, f"{share:.0%}")

@@ -190,7 +190,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
         clamped = f"{one.clamped} samples" if one.clamped else "no sample"
         parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}")]
         if one.alarm_ratio is not None:
-            parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} an alarm can feed itself"))
+            parts.append(Text(f"alarm ratio: {one.alarm_ratio:.2f}; above {ITSELF:g} noise alone can keep theta high"))
         parts.append("")
     return Group(*parts)
 

@@ -528,7 +528,7 @@ def _pace(subject: str, period: float, dt: float, unit: str) -> tuple[str, ...]:
         whole = max(factor, 1 / factor)
         if abs(whole - round(whole)) < _BEAT:
             return ()
-        return (f"{finding}rows and samples fall apart; with --dt {period:.5g} (dt=) each sample has its row",)
+        return (f"{finding}rows and samples do not match; with --dt {period:.5g} (dt=) each sample has its row",)
     finer = (name for name, ratio in finer_units(unit).items() if ratio / 2 < factor < 2 * ratio)
     if name := next(finer, ""):
         question = f"are its times {name}? They are read as {plural(unit)}"
@@ -633,7 +633,7 @@ def _grid(
     period = _typical(distinct) or step or 0.0
     dt = step or period
     if not dt or (own_times == "always" and len(distinct) < 2):
-        raise BadRecord(path, f"its rows with a time, {len(timed)}, have one time; give a record of at least 2")
+        raise BadRecord(path, f"its rows with a time, {len(timed)}, have one time; give a log of at least 2")
     own = own_times == "always" or (own_times == "irregular" and step is None and irregular(np.diff(distinct)))
     if own:
         point, away = np.searchsorted(distinct, times), np.zeros(len(times))
@@ -724,7 +724,7 @@ def _demand_samples(path: str, times: np.ndarray, rows: int, dt: float, unit: st
         raise BadRecord(path, f"{many}; are they {plural(unit)}, and is dt right? {other}")
     if np.floor(span / dt + 0.5) < 1:
         one = f"its rows with a time, {len(times)}, make 1 sample of {dt:g} {unit}"
-        raise BadRecord(path, f"{one}; give a record of at least 2")
+        raise BadRecord(path, f"{one}; give a log of at least 2")
 
 
 def needs_averaging(steps: np.ndarray, period: float, dt: float) -> bool:
