@@ -1083,3 +1083,25 @@ def test_a_parameter_at_its_end_is_a_warning(here: Path) -> None:
     printed, noted = hgogen(*words)
     assert "k lies at the high end of its range; widen it, or leave k out" in " ".join(printed.split())
     assert "lies at the" not in noted
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_outputs_of_unequal_noise_have_the_weights_of_their_noise(robust: bool) -> None:
+    """Least squares with weights 1/sigma^2, of which sigma is the RMS of the residuals without them."""
+    z, k, u = hg.Signal("z", low=-9, high=9), hg.Signal("k", "", "", 1, low=0, high=9), hg.Signal("u", low=-1, high=1)
+    outputs = (hg.Signal("fine"), hg.Signal("coarse"))
+    plant = hg.System(
+        "two", states=(z,), inputs=(u,), outputs=outputs, parameters=(k,), flow=[0], output=[z + k * u] * 2
+    )
+    draw, sigma = np.random.default_rng(0), np.array([0.1, 2.0])
+    course = draw.uniform(-1, 1, 800)
+    y = 1 + 2 * course[:, None] + sigma * draw.normal(size=(800, 2))
+    result = hg.fit(plant, hg.Log(course[:, None], y, 1.0), starts=1, robust=robust)
+    A = np.column_stack([np.ones(800), course])
+    first = np.linalg.lstsq(np.vstack([A / s for s in y.std(axis=0)]), (y / y.std(axis=0)).T.ravel(), rcond=None)[0]
+    rms = np.sqrt(np.mean((y - (A @ first)[:, None]) ** 2, axis=0))
+    M = A.T @ A * (1 / rms**2).sum()
+    known = np.linalg.solve(M, A.T @ (y @ (1 / rms**2)))
+    error = np.sqrt(np.linalg.inv(M)[1, 1])
+    assert result.values["k"] == pytest.approx(known[1], rel=0.01 if robust else 1e-5)
+    assert result.deviation["k"] == pytest.approx(error, rel=0.2 if robust else 0.02)

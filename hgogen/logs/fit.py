@@ -28,7 +28,7 @@ from hgogen.logs.problem import (
     digests,
     steps_and_growth,
 )
-from hgogen.logs.records import BadLog, Log, middle_of, validated_log
+from hgogen.logs.records import BadLog, Log, middle_of, quantum_of, validated_log
 from hgogen.reading.given import count, requires_any_plant, requires_switches, signals_named
 from hgogen.registry import Displayed
 from hgogen.rigor.rank import NothingMeasured, NowhereDefined
@@ -352,7 +352,8 @@ class Task:
     """The problem of a fit. `given`: the plant; `plant`: the plant with additional states for the lags of its sensors;
     `chosen`: the fitted parameters without the `lags`; `by`: one of `BY`; `corner`: the corner c of each output's
     pseudo-Huber loss, None for least squares; `begin`: values of parameters at which searches begin, instead of the
-    nominal ones."""
+    nominal ones; `noise` (p): the standard deviation of each output's residuals by which they are divided, by default
+    the `sizes` of the outputs."""
 
     given: System
     plant: System
@@ -364,6 +365,7 @@ class Task:
     by: str
     corner: Array | None = None
     begin: Mapping[str, float] = field(default_factory=dict)
+    noise: Array | None = None
 
     @property
     def free(self) -> tuple[Signal, ...]:
@@ -376,9 +378,24 @@ class Task:
         columns = zip(self.plant.outputs, np.concatenate([record.y for record in self.records]).T, strict=True)
         return np.sqrt([np.nanmean(y.difference(column, y.mean(column)) ** 2) for y, column in columns])
 
+    @property
+    def sizes(self) -> Array:
+        """The `spread` of each output (p), 1 for a constant output."""
+        return np.where(self.spread > 0, self.spread, 1.0)
+
     def corners(self, unknowns: Array) -> Array:
         """Return the corner c of the pseudo-Huber loss of each output (p), from its residuals at the `unknowns` (v)."""
         return np.array([corner(e) for e in self.problem.residuals(unknowns)])
+
+    def weighted(self, unknowns: Array, size: Callable[[Array], float]) -> "Task":
+        """Return the same fit with the residuals of each output divided by their `size` at the `unknowns` (v), such as
+        the RMS, at least the integration errors and the output's resolution: the most likely fit of outputs with
+        unknown noise. The task itself if it has one output, or if it fits the noise."""
+        rms = self.problem.scale * np.array([size(e) for e in self.problem.residuals(unknowns)])
+        columns = np.concatenate([record.y for record in self.records]).T
+        least = np.maximum(FINE * self.sizes, np.array([quantum_of(y) for y in columns]) / math.sqrt(12))
+        alike = self.by == "prediction" or len(rms) == 1 or (rms <= least).all()
+        return self if alike else replace(self, noise=np.maximum(rms, least))
 
     @cached_property
     def problem(self) -> Problem:
@@ -387,7 +404,7 @@ class Task:
         period = max(float(record.ahead.max()) for record in self.records)
         steps, growing = steps_and_growth(self.plant, period)
         samples = max(len(record.y) for record in self.records)
-        scale = np.where(self.spread > 0, self.spread, 1.0)
+        scale = self.sizes if self.noise is None else self.noise
         if self.by == "simulation":
             return self.shooting(scale, samples, steps, growing * period)
         parts = (self.plant, self.free, self.records, scale, samples, steps, self.between, self.offset)
@@ -409,7 +426,7 @@ class Task:
         segments = sum(self.problem.segments)
         ends = [*map(_bounds, self.free), *[(-math.inf, math.inf)] * len(self.offset)]
         ends += [x.limits for x in self.plant.states] * segments
-        unit = [*map(_unit, self.free), *(self.problem.scale[self.plant.outputs.index(y)] for y in self.offset)]
+        unit = [*map(_unit, self.free), *(self.sizes[self.plant.outputs.index(y)] for y in self.offset)]
         unit += [_unit(x) for x in self.plant.states] * segments
         ends += [(low, high) for _, low, high in self.problem.levels]
         unit += [1.0] * len(self.problem.levels)
@@ -697,11 +714,28 @@ def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator
     if task.above_given(best.cost):
         ended = searches.solved(task.solver, task.from_given(), ended)
         best = best_of(task.by, ended) or best
+    every = ended  # and the searches that continue them
+    if (weighted := task.weighted(best.unknowns, deviation if passes else _rms)) is not task:
+        every, ended = _continued(weighted, searches, best, ended)
+        task, best = weighted, best_of(task.by, ended) or best
     for _ in range(passes):
         task = replace(task, corner=task.corners(best.unknowns))
-        ended = searches.solved(task.solver, best.unknowns, ended)
-        best = ended[-1]
+        every = searches.solved(task.solver, best.unknowns, every)
+        best = every[-1]
     return task.result(best, (best,) if passes else ended)
+
+
+def _continued(
+    task: Task, searches: Searches, best: Solution, ended: tuple[Solution, ...]
+) -> tuple[tuple[Solution, ...], tuple[Solution, ...]]:
+    """Return the searches that `ended` with other weights, followed by those of the task that continue the searches of
+    about the `best` cost; and the solution of each start: continued, or else with its cost relative to the best one."""
+    again = [one for one in ended if excess_cost(task.by, one.cost, best.cost) <= SAME]
+    every = ended
+    for one in again:
+        every = searches.solved(task.solver, one.unknowns, every)
+    new = dict(zip(again, every[len(ended) :], strict=True))
+    return every, tuple(new.get(one) or replace(one, cost=one.cost / best.cost * new[best].cost) for one in ended)
 
 
 def _from_starts(task: Task, searches: Searches, begins: Sequence[Array], jobs: int | None) -> tuple[Solution, ...]:
