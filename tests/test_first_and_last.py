@@ -59,8 +59,8 @@ def agree(path: Path, folder: Path) -> set[str]:
     agrees(first, survey)
     proved = {row.kind for row in survey.proved}
     last = claims.notes[-1] if not claims.demanded else ""
-    assert ("none of the forms" in last) == (not claims.demanded and not survey.candidates and not proved)
-    assert not ("none of the forms" in last and NONE not in first)
+    assert ("none of the requested forms" in last) == (not claims.demanded and not survey.candidates and not proved)
+    assert not ("none of the requested forms" in last and NONE not in first)
     if "and in no other" in last:
         assert set(last.partition("is in ")[2].partition(", proved")[0].split(", ")) == proved
     if "form alone" in last:

@@ -72,6 +72,7 @@ dt = 0.015625
     assert "ekf is" not in CliRunner().invoke(app, ["generate", str(path), "-o", str(tmp_path / "out")]).output
     assert hg.load(path).step("filter").tuned["R"] == (0.25 * DT,)
     assert hg.load(path).step("filter").observer.form.kind == "original"
+    assert hg.load(path).step("riccati").tuned == hg.load(path).step("filter").tuned
     assert "ekf is riccati at theta = 1" in " ".join(CliRunner().invoke(app, ["check", str(path)]).output.split())
     path.write_text(text + "Q = [0.25, 1]\nR = 1\n")
     with pytest.raises(BadModelFile, match="ekf must say what its Q and R are"):

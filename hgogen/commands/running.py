@@ -47,7 +47,7 @@ from hgogen.commands.data import (
     truth_of,
     truth_options,
 )
-from hgogen.commands.output import Bar, Folder, Written, cell, filled, folder_of, headed, rendered
+from hgogen.commands.output import Bar, Folder, Written, cell, filled, folder_of, headed, note, rendered
 from hgogen.commands.trial_runs import trials_or_proposed
 from hgogen.errors import HgogenError
 from hgogen.estimators.noise import deviation_lines
@@ -385,6 +385,8 @@ def _period(model: Model, data: Path, columns: Columns) -> float | tuple[float, 
 def _step(model: Model, observer: str | None, data: Path, columns: Columns) -> CallableStep:
     """Return the step of a model, or of its tuning `observer`. Raises: `BadRecord` if its dt is the log's period and
     too long for the plant, but a thousandth or a millionth of that period is not (times in ms or us)."""
+    if observer is not None and observer not in model.tuning.with_textbook_name(observer).tables:
+        note(f"{observer} has no tuning in the model, and runs with starting gains")
     try:
         return model.step(observer)
     except HgogenError as error:

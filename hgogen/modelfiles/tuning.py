@@ -179,17 +179,20 @@ class Tuning:
         }
 
     def with_textbook_name(self, name: str) -> "Tuning":
-        """Return the tunings; if one of them is the observer with this textbook `name`, as `riccati` at theta = 1 is
-        `ekf`, it is also added under that name."""
-        if name in self.tables or not self._is_synonym(name):
-            return self
-        known = SYNONYMS[name]
+        """Return the tunings; if one of them is the observer `name` by another name, as `riccati` at theta = 1 is
+        `ekf`, it is also added under this name."""
         tables = {other: table for other, table in self.tables.items() if isinstance(table, Mapping)}
-        for other, table in tables.items():
-            kind, fixed = self._called[other], known.fixed.items()
-            if kind == name or (kind == known.observer and all(table.get(key, entry) == entry for key, entry in fixed)):
+        for other, table in tables.items() if name not in self.tables else ():
+            if self._is_one(name, kind := self._called[other], table):
                 return replace(self, tables={**self.tables, name: {"kind": kind, **table}})
         return self
+
+    def _is_one(self, name: str, kind: str, table: Mapping[str, Any]) -> bool:
+        if not self._is_synonym(name):
+            return self._is_synonym(kind) and SYNONYMS[kind].observer == name
+        known = SYNONYMS[name]
+        fixed = all(table.get(key, entry) == entry for key, entry in known.fixed.items())
+        return kind == name or (kind == known.observer and fixed)
 
     @property
     def _called(self) -> dict[str, str]:
