@@ -92,8 +92,8 @@ def _first_clause(text: str) -> str:
 _NO_CERTIFICATE = "no certificate can carry all of its functions"
 BETWEEN = {
     False: {
-        "hold": "Between two calls the input is taken to be held at the value now",
-        "line": "Between two calls the input is taken to move on a straight line from the value before to that now",
+        "hold": "Since the call before, the input is taken to have had the value of this call",
+        "line": "Since the call before, the input is taken to have moved on a straight line from its last value to that of this call",
     },
     True: {  # of a discrete plant
         "hold": "The input of a call moved the plant from the call before to this one",
