@@ -93,8 +93,8 @@ _NO_CERTIFICATE = "no certificate can carry all of its functions"
 BETWEEN = {
     False: {
         "hold": "Since the call before, the input is taken to have had the value of this call",
-        "line": "Since the call before, the input is taken to have moved on a straight line from its last value to that "
-        "of this call",
+        "line": "Since the call before, the input is taken to have moved on a straight line from its last value to "
+        "that of this call",
     },
     True: {  # of a discrete plant
         "hold": "The input of a call moved the plant from the call before to this one",
