@@ -286,6 +286,12 @@ def test_a_step_takes_the_longest_time_in_its_substeps() -> None:
 def test_what_counts_samples_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadRecord, match="counts samples of one period"):
         read(tmp_path, T, shift={"y": 1})
+    (tmp_path / "held.csv").write_text("t,y,u\n" + "".join(f"{t},0,{k}\n" for k, t in enumerate(T)))
+    x, y, u = hg.Signal("x"), hg.Signal("y"), hg.Signal("u")
+    moved = hg.System("held", states=(x,), inputs=(u,), outputs=(y,), flow=[u - x], output=[x])
+    log = hg.record(tmp_path / "held.csv", moved, time="t", shift={"u": 1})
+    assert log.times is not None
+    assert log.u[:, 0].tolist()[1:] == list(range(len(T) - 1))  # the input of each row is that of the row before
     x, y, none = hg.Signal("x"), hg.Signal("y"), np.zeros((20, 0))
     samples = np.arange(20.0)[:, None]
     held = hg.System("map", states=(x,), outputs=(y,), flow=[x / 2], output=[x], discrete=True)

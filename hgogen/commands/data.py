@@ -162,7 +162,7 @@ def logs_of(
     words |= {"signals": signals, "inputs": inputs, "caller": replace(COMMAND, others=options)}
     words["own_times"] = "always" if varying else "irregular"
     part, judges = parts_of(held_out or ())
-    each = (named.begun(read(path, columns, **words)).shifted(shifts) for path in (*data, *judges))
+    each = (named.begun(read(path, columns, **words)).shifted(shifts, plant.supplied) for path in (*data, *judges))
     records = tuple(one.without(named.missing or (), plant.supplied, plant.outputs) for one in each)
     for record in records:
         demand_regular(plant, record.report)

@@ -294,7 +294,7 @@ def _opened(
     record = _record(step, data, columns, (*step.inputs, *step.samples), true)
     shifts = shifts_of(str(data), shift, step.inputs, step.outputs)
     ages = {age.name: shifts.get(y.name, 0) for y, age in zip(step.late, step.ages, strict=True)}
-    record = record.shifted(shifts | ages).without(columns.missing or (), step.inputs, step.outputs)
+    record = record.shifted(shifts | ages, step.inputs).without(columns.missing or (), step.inputs, step.outputs)
     return _Opened(model, step, record, shifts)
 
 

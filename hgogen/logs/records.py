@@ -220,7 +220,7 @@ def record(
     wanted = {name: columns.get(name, name) for name in signals}
     words: dict[str, Any] = {"time": time, "period": period, "unit": plant.time, "signals": signals, "caller": PYTHON}
     words |= {"own_times": "irregular", "decimal": decimal, "dates": dates}
-    got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift)
+    got = read(source, wanted, dt=dt, inputs=inputs, **words).shifted(shift, plant.supplied)
     demand_regular(plant, got.report)
     return log_of(got, plant)
 

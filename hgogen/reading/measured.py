@@ -43,7 +43,7 @@ from hgogen.reading.cells import (
     has_dates,
     stamps_of,
 )
-from hgogen.reading.given import unmasked
+from hgogen.reading.given import names_of, unmasked
 from hgogen.reading.jumps import other_angle
 from hgogen.reading.log import Table, column_named, column_of, converted, log_of, of_signals, operand, words_of
 from hgogen.signal import Signal, finer_units, plural, seconds
@@ -212,14 +212,14 @@ class Record:
         """The time (N,) since the previous sample, 0 for the first."""
         return np.diff(self.t, prepend=self.t[0])
 
-    def shifted(self, shifts: Mapping[str, int]) -> "Record":
+    def shifted(self, shifts: Mapping[str, int], inputs: Iterable[Signal] = ()) -> "Record":
         """Return the record with signals, and their difference quotients, delayed by numbers of samples, or advanced by
-        negative ones; samples without a value at the ends are missing. Raises: `BadRecord` if no sample of a signal
-        remains."""
+        negative ones; samples without a value at the ends are missing. At the rows' own times only `inputs` can be
+        shifted, by rows. Raises: `BadRecord` if no sample of a signal remains, and for another signal at such times."""
         shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
         values, notes = self.values.copy(), []
         for name, by in shifts.items():
-            if by and self.report.spacing:
+            if by and self.report.spacing and name not in names_of(inputs):
                 reason = f"a shift of {name} counts samples of one period, and these are at the times of their rows"
                 raise BadRecord(self.report.path, f"{reason}; resample it, by --dt (dt=)")
             if abs(by) >= len(values):
@@ -229,7 +229,8 @@ class Record:
             values[:, column] = shifted(values[:, column], by)
             if by:
                 way = "later" if by > 0 else "earlier"
-                notes.append(f"{name} is taken {way} than it was logged, by samples: {abs(by)}")
+                what = "rows" if self.report.spacing else "samples"
+                notes.append(f"{name} is taken {way} than it was logged, by {what}: {abs(by)}")
         return replace(self, values=values, report=replace(self.report, notes=(*self.report.notes, *notes)))
 
     def without(self, texts: Iterable[str], inputs: Sequence[Signal], outputs: Sequence[Signal]) -> "Record":
