@@ -411,6 +411,11 @@ def test_languages_are_listed_as_one_says_them():
     assert building._join_with_or(["c99", "rust", "zig"]) == "c99, rust or zig"
 
 
+def test_a_table_of_a_trial_has_the_course_of_theta_only_if_theta_adapts() -> None:
+    for model, adapts in (("pendulum", False), ("fitzhugh_nagumo", True)):
+        assert ("peak theta" in hgogen("simulate", model, "--seeds", "1")[0]) is adapts
+
+
 def test_simulate(here: Path):
     answer = as_json("simulate", "neuron", "--engine", "python", "--seeds", "1")
     (trial,) = answer["trials"]

@@ -168,17 +168,14 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
     """Return the table of the responses to each event of each trial, over the seeds; `unit`: the unit of time."""
     parts: list[RenderableType] = []
     for one in each:
-        table = headed(
-            f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {LANGUAGES[one.engine]}; "
-            f"settled: {one.criterion}",
-            *(f"event at ({unit})", f"settled after ({unit})", f"worst ({unit})"),
-            *("peak theta", f"theta < 1.05 after ({unit})"),
-            *("triggered", "still > 1.5"),
-            numbers=7,
-        )
+        names = [f"event at ({unit})", f"settled after ({unit})", f"worst ({unit})"]
+        if any(peak is not None for peak in one.peak):
+            names += ["peak theta", f"theta < 1.05 after ({unit})", "triggered", "still > 1.5"]
+        title = f"trial {one.trial}: {one.seeds} seed{'s' * (one.seeds != 1)}, in {LANGUAGES[one.engine]}; "
+        table = headed(f"{title}settled: {one.criterion}", *names, numbers=len(names))
         for k, time in enumerate(one.times):
             peak = one.peak[k]
-            table.add_row(
+            row = (
                 f"{time:g}",
                 time_cell(one.settled[k]),
                 time_cell(one.worst[k]),
@@ -186,6 +183,7 @@ def trials_table(each: Iterable[Summary], unit: str) -> RenderableType:
                 "" if peak is None else time_cell(one.theta_settled[k]),
                 *("" if share is None else f"{100 * share:.0f}%" for share in (one.triggered[k], one.loud[k])),
             )
+            table.add_row(*row[: len(names)])
         rms = ", ".join(f"{name} {value:.3g}" for name, value in one.rms.items())
         clamped = f"{one.clamped} samples" if one.clamped else "no sample"
         parts += [table, Text(f"steady RMS: {rms}; outside the box after the first 5%: {clamped}")]
