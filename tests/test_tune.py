@@ -979,6 +979,10 @@ def test_the_command_says_what_to_do(tmp_path: Path) -> None:
     assert "there is no sample to compare with predictions 500 samples ahead" in json.loads(said)["notes"]
     assert "tuning riccati of the model has no step at dt = 0.05 s: " in beside
     assert "v" in beside.partition("tuning riccati of the model has no step at dt = 0.05 s: ")[2]
+    assert "have no periods" not in said
+    own = '[observer]\nkind = "riccati"\nQ = {x = 1, v = 1}\nR = 1\ndt = 0.05\nperiods = {y = 0.1}\n'
+    (tmp_path / "spring.toml").write_text(MODEL + own)
+    assert "the tuned observers have no periods" in " ".join(json.loads(hgogen(*words, "--json")[0])["notes"])
 
 
 @pytest.mark.parametrize(

@@ -491,6 +491,11 @@ def gates_of(texts: Iterable[str]) -> Gates:
     return gates
 
 
+_WITHOUT_PERIODS = (
+    "the tuned observers have no periods, as the model's own have: give NaN for a sensor without a sample in a call"
+)
+
+
 def _judged(
     model: Model,
     calibration: Calibration,
@@ -514,7 +519,8 @@ def _judged(
     )
     far = too_far(aheads, rows[0].errors)
     shares = (f"left out as outliers: {share}" for share in calibration.gates)
-    notes = (*logs.notes(), *difference_notes(rates), *shares, *changes, *far, *judgements)
+    without = (_WITHOUT_PERIODS,) if any(step.clock.every for step in declared.values()) else ()
+    notes = (*logs.notes(), *difference_notes(rates), *shares, *without, *changes, *far, *judgements)
     return tuple(_row(calibration, row) for row in rows), notes
 
 
