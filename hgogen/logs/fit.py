@@ -702,8 +702,9 @@ def lagged(plant: System, outputs: Sequence[Signal], period: float, duration: fl
 
 
 def _best(task: Task, searches: Searches, starts: int, draw: np.random.Generator, passes: int, jobs: int | None) -> Fit:
-    """Return the fit from the best of `starts` starts. A robust fit continues from there with
-    `passes` passes, since the residuals of least squares include those of outliers."""
+    """Return the fit from the best of `starts` starts. The searches of several outputs continue with weights from the
+    residuals of each output; a robust fit then continues with `passes` passes, since the residuals of least squares
+    include those of outliers."""
     begins = [task.nominal, *(task.drawn(draw) for _ in range(starts - 1))]
     ended = _from_starts(task, searches, begins, jobs) if jobs != 1 else ()
     for begin in begins[len(ended) :]:

@@ -587,7 +587,8 @@ class Progress(Encoded):
 
     @property
     def start(self) -> int:
-        """The number of the running search, from 0: first one for each start, then the passes of a robust fit."""
+        """The number of the running search, from 0: first one for each start, then those with weights from the noise of
+        the outputs, then the passes of a robust fit."""
         return len(self.ended)
 
 
