@@ -445,6 +445,14 @@ def test_run(here: Path):
     assert float(rows[-1]["y"]) == pytest.approx(np.cos(9.99))
 
 
+@pytest.mark.full
+def test_run_says_where_gains_are_starting_gains(here: Path) -> None:
+    words = ("run", "neuron", *LOG, "--time", "time")
+    note = "ukf has no tuning in the model, and runs with starting gains"
+    assert note not in hgogen(*words)[1]
+    assert note in hgogen(*words, "--observer", "ukf")[1]
+
+
 @pytest.mark.parametrize("command", ["run", "tune"])
 def test_a_truth_that_is_empty_is_given_by_its_option(here: Path, command: str):
     rows = (here / "log.csv").read_text().splitlines()
