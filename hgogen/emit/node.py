@@ -254,10 +254,10 @@ def _reduced(node: Node, tests: Mapping[Node, bool]) -> Node:
 def _equal_part(node: Node, tests: Mapping[Node, bool]) -> Node | None:
     """Return the part of a node that equals the node where `tests` have these values, or None: the branch of a choice
     that is taken, or the undecided operand of `and`, `or`."""
-    values = [_decided(arg, tests) for arg in node.args]
-    if node.op in _CHOICES and values[0] is not None:
-        return (*node.args, Node(ca.OP_CONST))[1 if values[0] else 2]
+    if node.op in _CHOICES and (value := _decided(node.args[0], tests)) is not None:
+        return (*node.args, Node(ca.OP_CONST))[1 if value else 2]
     if node.op in LOGIC:
+        values = (_decided(arg, tests) for arg in node.args)
         args = (
             arg if value is None else Node(ca.OP_CONST, constant=float(value))
             for arg, value in zip(node.args, values, strict=True)

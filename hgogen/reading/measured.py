@@ -217,9 +217,9 @@ class Record:
         negative ones; samples without a value at the ends are missing. At the rows' own times only `inputs` can be
         shifted, by rows. Raises: `BadRecord` if no sample of a signal remains, and for another signal at such times."""
         shifts = {name: shifts[of] for name, (of, _) in self.rates.items() if of in shifts} | dict(shifts)
-        values, notes = self.values.copy(), []
+        values, notes, by_rows = self.values.copy(), [], names_of(inputs)
         for name, by in shifts.items():
-            if by and self.report.spacing and name not in names_of(inputs):
+            if by and self.report.spacing and name not in by_rows:
                 reason = f"a shift of {name} counts samples of one period, and these are at the times of their rows"
                 raise BadRecord(self.report.path, f"{reason}; resample it, by --dt (dt=)")
             if abs(by) >= len(values):

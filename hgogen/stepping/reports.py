@@ -30,6 +30,8 @@ from hgogen.stepping.guards import LARGEST_NUMBER, sample
 OLDEST = (1 << 16) - 1  # the largest number of the smallest `unsigned` of C
 REPORTS = ("sigma", "age", "innovation")
 E = Place("innovations", "e")
+_COUNT = Place("state", "innovation_count")
+_NO_SAMPLE = Block("of no sample", {_COUNT: ca.SX(0)})
 
 
 def demand_reports(report: Any) -> tuple[str, ...]:
@@ -146,7 +148,7 @@ def no_innovation(outputs: int) -> Program:
     """Return the statements of `predict` that mark the joint innovations as missing; `outputs`: the number of
     outputs."""
     none = {Place("state", "innovation_e"): ca.SX.nan(outputs, 1)}
-    return (Block("no innovation yet", none), Block("of no sample", {Place("state", "innovation_count"): ca.SX(0)}))
+    return (Block("no innovation yet", none), _NO_SAMPLE)
 
 
 def innovations(observer: Observer, clock: Clock, pieces: Pieces) -> Program:
@@ -172,9 +174,8 @@ def innovations(observer: Observer, clock: Clock, pieces: Pieces) -> Program:
         **dict(zip(flags, there, strict=True)),
     }
     block = Block("the innovations at the prediction", values)
-    count, so_far = Place("state", "innovation_count"), sym("state", "innovation_count")
-    program = (*joint.program, block, Block("of how many samples", {count: ca.SX(0)}))
-    return pieces.inside((*program, *(When(flag, (Block("of one more", {count: so_far + 1}),)) for flag in flags)))
+    one_more = Block("of one more", {_COUNT: sym(*_COUNT) + 1})
+    return pieces.inside((*joint.program, block, _NO_SAMPLE, *(When(flag, (one_more,)) for flag in flags)))
 
 
 _AT = "take riccati, ukf or iterated_ekf by continuous_discrete or cholesky, or leave the report out"
