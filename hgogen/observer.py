@@ -26,7 +26,7 @@ from hgogen.rigor.definite import one_thread
 from hgogen.sentence import Reason, because
 from hgogen.signal import Signal, resting
 from hgogen.system import System, demand_continuous
-from hgogen.theorem import Hypothesis, Theorem
+from hgogen.theorem import Convergence, Hypothesis, Theorem, convergence
 
 Initial = Mapping[str, float] | Callable[[Form], Mapping[str, float]]
 STARTS = ("initial", "start")  # the arguments of an observer with the start of its estimate
@@ -89,6 +89,13 @@ class Observer(Displayed):
     def checks(self) -> tuple[Check, ...]:
         """The checks of the form and of the theorem, proved when first read, which may take longer than building."""
         return self.claims()
+
+    @property
+    def convergence(self) -> Convergence | None:
+        """The status of its convergence; None if no theorem covers it, as of most observers in the plant's own
+        coordinates."""
+        known = convergence(self.name, self.checks)
+        return None if known is Convergence.UNKNOWN and self.form.kind == "original" else known
 
     @property
     def ages(self) -> tuple[Signal, ...]:

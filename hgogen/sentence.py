@@ -21,8 +21,9 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import cache
 from string import Formatter
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
+Why = TypeVar("Why")
 MOST = 17  # digits in which any two floats differ
 
 
@@ -133,6 +134,14 @@ def joined(*reasons: Reason) -> Reason:
     """Return one reason whose text is the nonempty reasons, one after the other."""
     parts = tuple(filter(None, reasons))
     return because("{parts:; }", parts=parts) if len(parts) > 1 else next(iter(parts), NONE)
+
+
+def by_reason(pairs: Iterable[tuple[str, Why]]) -> dict[Why, list[str]]:
+    """Return the names by their reason; `pairs`: each name with its reason."""
+    names: dict[Why, list[str]] = {}
+    for name, reason in pairs:
+        names.setdefault(reason, []).append(name)
+    return names
 
 
 def equations(values: Mapping[Any, Any]) -> tuple[Sentence, ...]:

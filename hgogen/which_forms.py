@@ -21,7 +21,7 @@ from hgogen.reading.given import requires_any_plant, requires_switches
 from hgogen.sentence import Encoded, Reason, because, encoded, point
 from hgogen.system import System
 
-NOT_TRIED = because("not asked, may take seconds; ask with --deep, or survey(plant, deep=True)")
+NOT_TRIED = because("not tried, since it may take seconds; --deep tries it, in Python survey(plant, deep=True)")
 _CONTINUOUS = because("for differential equations, and the plant is discrete")
 
 
@@ -73,8 +73,9 @@ class Survey:
 
     @property
     def proved(self) -> tuple[Row, ...]:
-        """The forms in which the plant is proved to be, each in its first such variant."""
-        rows = [row for row in self.rows if row.form and row.verdict is Verdict.PROVED]
+        """The forms in which the plant is proved to be, each in its first such variant, except `original`, in which any
+        plant is."""
+        rows = [row for row in self.rows if row.form and row.verdict is Verdict.PROVED and row.kind != "original"]
         return tuple({row.kind: row for row in reversed(rows)}.values())[::-1]
 
     @property

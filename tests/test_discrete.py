@@ -486,7 +486,10 @@ def test_the_short_answer_makes_its_filter(tmp_path: Path) -> None:
     file.write_text(to_text(decaying()))
     answer = CliRunner().invoke(app, ["check", str(file)]).output
     (entry,) = re.findall(r"tuning\.riccati = .*", answer)
-    assert "take riccati, the extended Kalman filter, in original form, with starting gains" in " ".join(answer.split())
+    assert "high-gain observers do not apply" in " ".join(answer.split())
+    assert "take riccati, the extended Kalman filter, in the plant's own states, with starting" in " ".join(
+        answer.split()
+    )
     file.write_text(entry.replace("tuning.riccati = {", 'observer = {kind = "riccati", ') + "\n" + file.read_text())
     answer = CliRunner().invoke(app, ["check", str(file)]).output
     assert "with the gains of the model:" in " ".join(answer.split())

@@ -564,7 +564,6 @@ def test_original_keeps_the_order_and_knows_the_way_outwards(order: tuple[Signal
         "connected": "proved",
         "order": "generic",
         "lipschitz": "proved",
-        "convergence": "unknown",
     }
     assert check(form, "order").claim.startswith("in the order (x1, x3, x2) ")
     assert_same_plant(form)

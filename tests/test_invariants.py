@@ -322,7 +322,7 @@ def test_a_row_of_a_rotation_that_nothing_measures_is_known_by_the_others() -> N
     plant = hg.System("rotation", **rows, invariants=orthonormal)
     joined = hg.forms.original(plant).checks[0]
     assert joined.verdict is hg.Verdict.PROVED
-    assert joined.claim.endswith("or in an invariant with such a state")
+    assert joined.claim.endswith("or in an invariant with such states")
     assert hg.observability(plant).unobservable == ()
 
 

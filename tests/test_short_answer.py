@@ -73,7 +73,17 @@ def test_a_plant_in_no_high_gain_form_takes_the_kalman_filter(tmp_path: Path) ->
     first = " ".join(" ".join(check(path)[:2]).split())
     assert first.startswith("mixer: locally observable; take the extended Kalman filter; no high-gain form is proved")
     assert "(why: --all; more forms: --deep)" in first
-    assert "original.convergence: no theorem here covers the plant in its own coordinates" in " ".join(check(path))
+    why = "the theorem requires a high-gain form, and the plant is in its own coordinates"
+    assert f"riccati.convergence: {why}; also original.order" in " ".join(" ".join(check(path)).split())
+
+
+def test_a_form_whose_claims_are_printed_is_not_called_untried(tmp_path: Path) -> None:
+    gains = "Q = [1, 1, 1], R = 1e-4, covariance = [1, 1, 1], dt = 0.01"
+    filtered = f'observer = {{kind = "riccati", form = "original", {gains}}}\n{MIXER}'
+    other, own = (" ".join(" ".join(check(written(tmp_path, text), "--all")).split()) for text in (MIXER, filtered))
+    assert "original: not tried, since it may take seconds" in other
+    assert "not tried, since it may take seconds" in own
+    assert "original: not tried" not in own
 
 
 def test_a_hidden_state_is_what_to_fix_and_no_observer_is_taken(tmp_path: Path) -> None:
@@ -106,7 +116,10 @@ def test_the_model_s_own_observer_is_kept_where_none_is_proved(tmp_path: Path) -
     gains = "Q = [1, 1, 1], R = 1e-4, covariance = [1, 1, 1], dt = 0.01"
     other = f'tuning.riccati = {{form = "original", {gains}}}\n'
     path = written(tmp_path, f'observer = {{kind = "ukf", form = "original", {gains}}}\n{other}{MIXER}')
-    assert any(line.startswith("take        ukf in original form, with the gains of the model") for line in check(path))
+    assert any(
+        line.startswith("take        ukf in the plant's own states, with the gains of the model")
+        for line in check(path)
+    )
 
 
 def test_a_form_beside_another_question_does_not_hide_it(tmp_path: Path) -> None:
@@ -129,10 +142,10 @@ def test_latex_beside_json_is_refused(tmp_path: Path) -> None:
 def test_the_model_s_gains_are_preferred_to_untried_ones_that_are_proved(tmp_path: Path) -> None:
     gains = "Q = {h = 1, v = 1}, noise = {y = 0.01}, covariance = {h = 1, v = 1}, dt = [0.001, 0.02]"
     own = f'observer = {{kind = "riccati", form = "original", {gains}}}\n{SPRING}'
-    taken = "take riccati, the extended Kalman filter, in original form, with the gains of the model:"
+    taken = "take riccati, the extended Kalman filter, in the plant's own states, with the gains of the model:"
     assert taken in words(own, tmp_path)
     other = f'tuning.nonlinear_filter = {{kind = "ukf", form = "original", {gains}}}\n{SPRING}'
-    assert "take ukf in original form, with the gains of the model:" in words(other, tmp_path)
+    assert "take ukf in the plant's own states, with the gains of the model:" in words(other, tmp_path)
 
 
 def test_a_tuning_of_any_observer_is_preferred_to_untried_gains() -> None:

@@ -1,5 +1,7 @@
 """The hypotheses of an observer's theorem, and what is known of each."""
 
+from typing import Any
+
 import casadi as ca
 import pytest
 import sympy as sp
@@ -9,7 +11,7 @@ import hgogen as hg
 from hgogen.analysis.dynamics import Dynamics
 from hgogen.check import Check, ClaimId, Claims, Refuted, Verdict
 from hgogen.model import load
-from hgogen.theorem import YOURS, Beyond, Hypothesis, Row, Theorem, rows
+from hgogen.theorem import YOURS, Beyond, Convergence, Hypothesis, Row, Theorem, rows
 
 
 def check(id: ClaimId, verdict: Verdict) -> Check:
@@ -265,6 +267,24 @@ def test_an_observer_in_the_plants_coordinates() -> None:
     assert filtered.standing == "refuted"
     assert "the estimate keeps to the declared ranges" not in table(pendulum())
     assert "the filter works in the coordinates z = Phi(x)" not in table(OBSERVERS["kalman"]())
+
+
+@pytest.mark.parametrize(
+    ("rate", "observer", "known"),
+    [
+        ("-2*x1", hg.observers.riccati, Convergence.PROVED),
+        ("-x1**3", hg.observers.riccati, None),
+        ("-2*x1", hg.observers.ukf, None),
+    ],
+)
+def test_in_the_plants_own_states_no_theorem_is_about_a_plant_that_is_not_linear(
+    rate: str, observer: Any, known: Convergence | None
+) -> None:
+    x = hg.Signal("x1", low=-1, high=1), hg.Signal("x2", low=-1, high=1)
+    y = hg.Signal("y")
+    plant = hg.System("p", states=x, outputs=(y,), flow=[x[1], sp.sympify(rate, {"x1": x[0]})], output=[x[0]])
+    assert observer(hg.forms.original(plant), Q=(1, 1), R=1.0).convergence is known
+    assert observer(hg.forms.triangular(plant), Q=(1, 1), R=1.0).convergence is Convergence.UNKNOWN
 
 
 def test_recast_coordinates_are_a_hypothesis() -> None:

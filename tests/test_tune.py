@@ -617,7 +617,7 @@ def test_the_verdict_says_why_and_where_measures_disagree() -> None:
     assert said[1:] == (
         "innovations of y are 3 times as large as high_gain assumes, in the rows held out: they scatter more "
         "there, and its variances are not to be trusted",
-        "as good as high_gain (0.52) within 5 %: riccati (0.5)",
+        "as good as high_gain (0.52), since their errors differ by at most 5 %: riccati (0.5)",
         "other errors than the one that chose high_gain, in the rows held out: riccati predicts y better "
         "5 samples ahead, 0.8 for 1; copying predicts y better 5 samples ahead, 0.9 for 1; "
         "riccati estimates v better by its truth, which is not tuned on, 0.3 for 0.4; "
@@ -687,7 +687,7 @@ def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None
 
 
 def test_a_proof_ranks_before_known_noise_and_that_before_the_cost() -> None:
-    known = {row.name: row.first.known for row in spring().rows}
+    known = {row.name: row.first.convergence for row in spring().rows}
     assert known["riccati"] is Convergence.UNKNOWN
     assert spring()["riccati"].rank[:2] == (1, False)
     assert isinstance(spring()["high_gain"], Tuned)

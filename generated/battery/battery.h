@@ -206,7 +206,6 @@ unsigned battery_restore(battery_state *s, const unsigned char *saved, size_t si
  * Method: continuous-discrete, L D L', dt = 1 s
  * Claims: 2 proved
  *   unknown: original.order
- *   unknown: original.convergence
  *   unknown: riccati.convergence
  * Hypotheses of its theorem, and the evidence of the claims: battery.md
  * @endverbatim

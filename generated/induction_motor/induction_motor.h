@@ -238,7 +238,6 @@ unsigned induction_motor_restore(induction_motor_state *s, const unsigned char *
  * Method: continuous-discrete, L D L', dt = 0.0001 s
  * Claims: 2 proved
  *   unknown: original.order
- *   unknown: original.convergence
  *   unknown: riccati.convergence
  * Hypotheses of its theorem, and the evidence of the claims: induction_motor.md
  * @endverbatim

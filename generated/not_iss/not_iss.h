@@ -203,7 +203,6 @@ unsigned not_iss_restore(not_iss_state *s, const unsigned char *saved, size_t si
  * Method: classical Runge-Kutta, covariance form, dt = 0.01 s
  * Claims: 2 proved
  *   unknown: original.order
- *   unknown: original.convergence
  *   unknown: hamilton_jacobi.quadratic
  * Hypotheses of its theorem, and the evidence of the claims: not_iss.md
  * @endverbatim

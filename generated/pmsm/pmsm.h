@@ -230,7 +230,6 @@ unsigned pmsm_restore(pmsm_state *s, const unsigned char *saved, size_t size);
  * Method: continuous-discrete, L D L', dt = 0.0001 s
  * Claims: 2 proved
  *   unknown: original.order
- *   unknown: original.convergence
  *   unknown: riccati.convergence
  * Hypotheses of its theorem, and the evidence of the claims: pmsm.md
  * @endverbatim

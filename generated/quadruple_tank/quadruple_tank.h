@@ -237,7 +237,6 @@ unsigned quadruple_tank_restore(quadruple_tank_state *s, const unsigned char *sa
  * Method: continuous-discrete, L D L', dt = 1 s
  * Claims: 2 proved
  *   unknown: original.order
- *   unknown: original.convergence
  *   unknown: riccati.convergence
  * Hypotheses of its theorem, and the evidence of the claims: quadruple_tank.md
  * @endverbatim

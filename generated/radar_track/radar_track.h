@@ -224,7 +224,6 @@ unsigned radar_track_restore(radar_track_state *s, const unsigned char *saved, s
  * Method: discrete, L D L', dt = 0.5 s
  * The first call advances no time
  * Claims: 1 proved
- *   unknown: original.convergence
  *   unknown: riccati.convergence
  *   unknown: riccati.region
  * Hypotheses of its theorem, and the evidence of the claims: radar_track.md

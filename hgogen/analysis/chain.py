@@ -481,7 +481,7 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
     """Return the check `MAKER.connected`, that every state affects an output directly or through rates. It is refuted
     by `hidden` states, which affect none, and unknown for `doubtful` ones."""
     id = ClaimId(maker, "connected")
-    claim = "every state appears in an output or in the derivative of one that counts"
+    claim = "every state appears in an output, or in the equation of a state that is reached from an output"
     if not hidden and doubtful:
         reason = because("it is not shown that {states} matters where it is read", states=doubtful)
         return Check(id, claim, Verdict.UNKNOWN, reason)

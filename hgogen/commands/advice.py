@@ -30,7 +30,7 @@ from hgogen.rigor.tape import NoTape
 from hgogen.signal import Signal
 from hgogen.starting import MANY, Rule, rule
 from hgogen.system import System
-from hgogen.theorem import Convergence, convergence
+from hgogen.theorem import Convergence
 from hgogen.which_forms import NOT_TRIED, Survey, survey_settings
 
 KNOWN = {  # the verdict on convergence in words, and its rank; None: no theorem covers the observer
@@ -125,12 +125,9 @@ def advice(
 
 
 def _admitted(kind: str, name: str, step: CallableStep, line: str, form: str = "") -> Admitted:
-    observer = step.observer
-    known: Convergence | None = convergence(kind, observer.checks)
-    if observer.form.kind == "original" and known is not Convergence.PROVED:
-        known = None
     where = _rule(kind).where or summary("observers", kind)
-    return Admitted(kind, name, form or observer.form.kind, known, cost(step), where, line, step)
+    observer = step.observer
+    return Admitted(kind, name, form or observer.form.kind, observer.convergence, cost(step), where, line, step)
 
 
 def _rule(kind: str) -> Rule:

@@ -225,7 +225,7 @@ class TuneReport(ModelReport):
                 comparison.add_row(mark, one.name, gains.form, f"{gains.error:.3g}", nis, *cost, gains.known)
         steps = {row.name: row.first.step for row in self.written}
         noise = [Text(f"{name}: {line}") for name, step in steps.items() for line in deviation_lines(step)]
-        title = f"gains of {self.take}: the errors above belong to the first column, the file contains the last one"
+        title = f"gains of {self.take}: the errors above are those of the first column; the file has the second"
         changes = headed(title, "gain", "without rows held out", "from all rows", numbers=2)
         for gain in self.changes:
             changes.add_row(gain.gain, cell(gain.judged), cell(gain.final))
@@ -384,8 +384,8 @@ def _searched(
         before = {row.name for one in so_far[-1:] for row in one.rows}
         so_far.append(calibration)
         bar.tick()
-        new = (row for row in calibration.rows if row.name not in before)
-        note(*(f"{row.name}: cross-validated {row.error:.3g}, convergence {KNOWN[row.first.known][0]}" for row in new))
+        new = ((row, KNOWN[row.first.convergence][0]) for row in calibration.rows if row.name not in before)
+        note(*(f"{row.name}: cross-validated {row.error:.3g}, convergence {known}" for row, known in new))
 
     def tried(_: str) -> None:
         check()
@@ -455,7 +455,7 @@ def _change_of_gains(calibration: Calibration, reason: str) -> Iterator[str]:
     least = {f"Q {name}": SURE * unit for name, unit in take.numbers.units.items()}  # less moves nothing
     changes = [one for one in gain_changes(take, calibration.final[0]) if one.largest >= least.get(one.gain, 0.0)]
     text = (
-        f"the errors above belong to gains of {take.name} that were learned without the rows held out; the file has "
+        f"the errors above are those of gains of {take.name} learned without the rows held out; the file has "
         "its gains from all rows"
     )
     farthest = max(changes, key=lambda one: one.factor, default=None)
@@ -573,7 +573,7 @@ def _row(calibration: Calibration, row: Judged) -> TunedRow:
     gains = None
     if tuned is not None:
         used, likelihood = cost(tuned.first.step), tuned.noise.likelihood if tuned.noise else None
-        known = KNOWN[tuned.first.known][0]
+        known = KNOWN[tuned.first.convergence][0]
         counts = used.operations, used.functions, used.state
         gains = TunedGains(tuned.first.row.name, tuned.error, known, *counts, likelihood)
     return TunedRow(row, gains)
@@ -614,7 +614,7 @@ class AdvisedRow:
     @property
     def known(self) -> str:
         """The verdict on convergence."""
-        return KNOWN[self.gains.first.known][0]
+        return KNOWN[self.gains.first.convergence][0]
 
     @property
     def operations(self) -> int:
@@ -631,7 +631,7 @@ class AdvisedRow:
     @property
     def rank(self) -> tuple[bool, bool, int, int]:
         """The sort key: rows that settle first, then those not drowned in noise, then by verdict, then by cost."""
-        return self.settled is None, bool(self.drowned), KNOWN[self.gains.first.known][1], self.operations
+        return self.settled is None, bool(self.drowned), KNOWN[self.gains.first.convergence][1], self.operations
 
 
 @dataclass(frozen=True, eq=False)

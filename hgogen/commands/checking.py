@@ -35,7 +35,7 @@ from hgogen.model import Model, load
 from hgogen.modelfiles.setting import AS_WRITTEN, Setting
 from hgogen.rigor.bounds import Range
 from hgogen.run.gramian import ObservabilityMeasure, as_share, observability_measure
-from hgogen.sentence import NONE, Reason, Sentence, because, down, point, up
+from hgogen.sentence import NONE, Sentence, because, by_reason, down, point, up
 from hgogen.target import demand as demand_place
 from hgogen.theorem import Convergence, convergence
 from hgogen.trial import Trial
@@ -307,7 +307,7 @@ class ShortAnswer(CheckReport):
     def _observer(self) -> Iterator[RenderableType]:
         claims = self.claims
         if self.as_set:
-            words = f"{claims.observer} in {claims.form.kind} form", *self.loaded.setting.words
+            words = f"{claims.observer} {_in(claims.form.kind)}", *self.loaded.setting.words
             yield line("observer", " ".join(words))
             return
         one, notes = self.preferred, self.advice.notes
@@ -316,7 +316,7 @@ class ShortAnswer(CheckReport):
             return
         gains = "with starting gains, not yet simulated" if one.proposed else "with the gains of the model"
         name = "riccati, the extended Kalman filter," if one.observer == "riccati" else one.observer
-        yield line("take", f"{name} in {one.form} form, {gains}:")
+        yield line("take", f"{name} {_in(one.form)}, {gains}:")
         yield Group(Text(f"{'':12}{one.line}", no_wrap=True, overflow="ignore"))
 
     def _fix(self, known: Convergence) -> str:
@@ -331,8 +331,12 @@ class ShortAnswer(CheckReport):
         if self.weakest is not None and self.weakest.below_resolution:
             take = "add a sensor, or expect an estimate by the model alone"
             return f"{next(iter(self.weakest.direction))} hardly changes the outputs: {take}"
-        try_it = "test it by simulation (hgogen simulate) or on a log (hgogen run, hgogen inspect)"
-        return f"no proof of convergence: {try_it}" if known is Convergence.UNKNOWN else "nothing"
+        test = "test the observer by simulation (hgogen simulate) or on a log (hgogen run, hgogen inspect)"
+        return f"nothing, but convergence is not proved: {test}" if known is Convergence.UNKNOWN else "nothing"
+
+
+def _in(form: str) -> str:
+    return "in the plant's own states" if form == "original" else f"in {form} form"
 
 
 @dataclass(frozen=True, eq=False)
@@ -490,8 +494,8 @@ def standing(observer: str, checks: Sequence[Check]) -> Iterator[RenderableType]
     """Yield what is proved of an observer and its form, and what is not: the first claim of each in full (convergence
     if it is among them), and the names of the other claims."""
 
-    def place(check: Check) -> tuple[bool, bool, bool]:  # a theorem about a form is none about the original
-        return check.id.fact != "convergence", check.id.maker != "original", check.id.maker != observer
+    def place(check: Check) -> tuple[bool, bool]:
+        return check.id.fact != "convergence", check.id.maker != observer
 
     ordered = sorted(checks, key=place)
     for label, proved in (("proved", True), ("not proved", False)):
@@ -540,18 +544,16 @@ _REPEATABLE = 20  # characters of a reason that may be repeated
 
 
 def survey_table(forms: Survey, below: Iterable[Check] = ()) -> RenderableType:
-    """Return the table of forms: whether the plant is in each form and in which order of states, or why not. Advice
-    that the checks `below` repeat is left out."""
+    """Return the table of forms: whether the plant is in each form and in which order of states, or why not. What the
+    checks `below` answer, a form or advice, is left out."""
     table = headed(f"{forms.plant.name}: which form, on the declared ranges", *("", "form", "order", "why"))
     before = NONE
     for row in forms.answered:
         why = because("as above") if row.why == before and len(str(row.why)) > _REPEATABLE else row.why
         table.add_row(coloured(row.verdict, row.verdict), Text(row.name), Text(few(row.order)), _text(why))
         before = row.why
-    reasons: dict[Reason, list[str]] = {}
-    for row in forms.rows:
-        if row.verdict is None:
-            reasons.setdefault(row.why, []).append(row.name)
+    checked = {check.id.maker for check in below}
+    reasons = by_reason((row.name, row.why) for row in forms.rows if row.verdict is None and row.kind not in checked)
     silent = [Text(f"{', '.join(names)}: {why}", style="dim") for why, names in reasons.items()]
     advised = {check.advice for check in below}
     settled = any(row.verdict is Verdict.PROVED for row in forms.answered)

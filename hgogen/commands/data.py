@@ -24,6 +24,7 @@ from hgogen.model import Model
 from hgogen.reading.log import mapping, shifts_of
 from hgogen.reading.measured import COMMAND, WITHOUT_PERIOD, Record, Report, Window, read
 from hgogen.run.samples import Run
+from hgogen.sentence import by_reason
 from hgogen.system import System
 
 HELD_OUT, LARGEST_PART = 0.3, 0.9  # part at the end of each log that judges: by default, and at most
@@ -305,16 +306,19 @@ class Begin:
 
 
 def log_summary(
-    read: Report, begins: Mapping[str, Begin] | None = None, findings: Iterable[Finding] = ()
+    read: Report,
+    begins: Mapping[str, Begin] | None = None,
+    findings: Iterable[Finding] = (),
+    states: Sequence[str] = (),
 ) -> RenderableType:
     """Return the printed summary of a log; `begins`: the initial estimates by state that the log gives; `findings`:
-    faults that are printed below, whose causes are not repeated here."""
+    faults that are printed below, whose causes are not repeated here; `states`: those of the plant."""
     uneven = any(one.fault == "jitter" for one in findings)
     lines = [line for line in read.sentences() if not (uneven and WITHOUT_PERIOD in line)]
     if begins:
-        grouped: dict[str, list[str]] = {}
-        for name, one in begins.items():
-            grouped.setdefault(one.why, []).append(f"{name} = {one.value:g}")
+        grouped = by_reason((f"{name} = {one.value:g}", one.why) for name, one in begins.items())
         at = ", ".join(f"{', '.join(values)} ({why})" for why, values in grouped.items())
-        lines.append(f"the estimate starts at {at}; all other states start where the observer does")
+        others = ", ".join(name for name in states if name not in begins)
+        more = f"; the log does not tell {others}, which start at the observer's `initial`" if others else ""
+        lines.append(f"the estimate starts at {at}{more}")
     return Group(Text(read.path, style="bold"), *(Text(f"  {line}") for line in lines), "")

@@ -24,7 +24,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column, Table
 from rich.text import Text
 
-from hgogen.sentence import Encoded, encoded
+from hgogen.sentence import Encoded, by_reason, encoded
 from hgogen.target import demand, lines_of, remove, write
 
 if TYPE_CHECKING:  # which takes a second to import
@@ -199,8 +199,9 @@ def named(model: "Model", observer: str | None) -> str:
 
 
 def refusals_table(refused: Mapping[str, str], title: str = "without gains") -> list[RenderableType]:
-    """Return a table of the observers without gains or step, by name with the reason; empty if `refused` is."""
-    return filled(headed(title, "observer", "why", rows=((name, Text(why)) for name, why in refused.items())))
+    """Return a table of the observers without gains or step, with the reason of each; empty if `refused` is."""
+    rows = ((Text(", ".join(names)), Text(why)) for why, names in by_reason(refused.items()).items())
+    return filled(headed(title, "observers", "why", rows=rows))
 
 
 def cell(value: float | None) -> str:

@@ -178,7 +178,9 @@ class RecordRun(ModelReport):
     def tables(self) -> Iterator[Any]:
         """Yield the log, the status, predictions and innovations."""
         step = self.step
-        yield log_summary(self.record.report, self.begins, self.findings)
+        yield log_summary(
+            self.record.report, self.begins, self.findings, [x.name for x, _ in step.observer.form.estimates]
+        )
         yield from fault_lines(self.findings)
         yield Text(f"run by the {repr(step).strip('<>')}")
         yield from deviation_lines(step)
@@ -679,8 +681,8 @@ def consistency_table(whole: Consistency, notes: Iterable[str]) -> RenderableTyp
         if one is not None
     ]
     lines += [
-        f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} samples "
-        f"that are correlated: {one.alike:.3g} tell as much as one independent sample"
+        f"NEES of {', '.join(one.states)}: {one.nees:.4g}, its 95 % band {_band(one.band)}, from {one.count} "
+        f"correlated samples, {one.alike:.3g} of which count as one independent sample"
         for one in [whole.states]
         if one is not None
     ]

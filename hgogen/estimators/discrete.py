@@ -66,12 +66,13 @@ THEOREM = Theorem(
 )
 
 
-def no_proof(observer: str) -> Check:
-    """Return the check `OBSERVER.convergence` of a discrete plant, with the verdict unknown: no proof exists for
-    these."""
-    reason = because("no proof here is made of discrete plants")
+def no_proof(form: Form, observer: str) -> Check:
+    """Return the check `OBSERVER.convergence` with the verdict unknown, for a discrete plant, or for a filter of which
+    hgogen proves nothing."""
+    subject = "discrete plants" if form.system.discrete else f"{observer} in {form.kind} form"
+    reason = because("hgogen has no proof for {subject}", subject=subject)
     return Check(
-        ClaimId(observer, "convergence"), THEOREM.conclusion, Verdict.UNKNOWN, reason, fix="Validate by trials."
+        ClaimId(observer, "convergence"), THEOREM.conclusion, Verdict.UNKNOWN, reason, fix="validate by trials"
     )
 
 
@@ -139,7 +140,7 @@ def luenberger(
         gains=tuple(fields),
         z=estimate,
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), decay, no_proof("luenberger")),
+        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), decay, no_proof(form, "luenberger")),
         accepted=accept,
         theorem=DECAYS,
         equations=("z <- f(z, u)", "at a sample of y_j: z <- z + K_j (y_j - h_j)"),

@@ -48,9 +48,9 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     """Return the plant in its own coordinates, z' = A(u) z + b(z, u), y = h(z, u), its states in `order`, signals or
     their names; by default as declared. It is the only form of a discrete plant, z+ = A(u) z + b(z, u).
 
-    Checks: `original.connected` (the outputs depend on every state on the box, directly or through other states),
-    `original.convergence` (unknown); of differential equations `original.order` (the structure that a high gain needs:
-    generic, or unknown), `original.lipschitz`.
+    Checks: `original.connected` (the outputs depend on every state on the box, directly or through other states); of
+    differential equations `original.order` (the structure that a high gain needs: generic, or unknown),
+    `original.lipschitz`.
 
     Raises: `BadOrder`; `BadGain` for an order that is no sequence of names.
     """
@@ -72,20 +72,9 @@ def original(plant: System, order: Sequence[Signal | str] | None = None) -> Form
     z = coordinates(plant, states)
     A, b = split(z.flow, z.states)
     joined = connected("original", hidden, doubtful)
-    if plant.discrete:
-        joined = replace(joined, claim="every state appears in an output or in the next value of a state that counts")
     if plant.constraints:
-        joined = replace(joined, claim=f"{joined.claim}, or in an invariant with such a state")
-    checks = (
-        joined,
-        *(() if plant.discrete else _for_high_gain(z, A, b, along, rows)),
-        Check(
-            ClaimId("original", "convergence"),
-            "the estimate converges from everywhere in the box",
-            Verdict.UNKNOWN,
-            because("no theorem here covers the plant in its own coordinates"),
-        ),
-    )
+        joined = replace(joined, claim=f"{joined.claim}, or in an invariant with such states")
+    checks = (joined, *(() if plant.discrete else _for_high_gain(z, A, b, along, rows)))
     levels = tuple(along.index(x) for x in z.order)
     return form_in(z, "original", checks, "the plant's own coordinates", parts=(A, b, z.output), levels=levels)
 

@@ -213,8 +213,8 @@ def _disagreements(calibration: Calibration, best: Judged, judged: Mapping[str, 
     each."""
     others = [f"{row.name} ({row.error:.3g})" for row in calibration.tied if row.name != best.name]
     if others:
-        within = f"within {100 * (AS_WELL - 1):.0f} %"
-        yield f"as good as {best.name} ({calibration.best.error:.3g}) {within}: {', '.join(others)}"
+        equal = f"their errors differ by at most {100 * (AS_WELL - 1):.0f} %"
+        yield f"as good as {best.name} ({calibration.best.error:.3g}), since {equal}: {', '.join(others)}"
     other_measures = [*_other_horizons(best, judged), *_of_hidden_states(best, judged, calibration.truth)]
     if other_measures:
         yield f"other errors than the one that chose {best.name}, {where}: {'; '.join(other_measures)}"

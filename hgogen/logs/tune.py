@@ -48,6 +48,7 @@ from hgogen.registry import Displayed
 from hgogen.run.backends import quickest_engine
 from hgogen.run.campaign import Workers
 from hgogen.run.gates import GateShare
+from hgogen.sentence import by_reason
 from hgogen.starting import Gains, Scale, Starting, gains_of, longest, per_sample, scale, two_digits
 from hgogen.step import StepMayFail
 from hgogen.system import System
@@ -118,7 +119,7 @@ class Tuned:
     @property
     def rank(self) -> tuple[int, bool, int]:
         """The sort key among rows that predict equally well: first a proof, then known noise, then lower cost."""
-        return _RANK[self.first.known], self.noise is None, cost(self.first.step).operations
+        return _RANK[self.first.convergence], self.noise is None, cost(self.first.step).operations
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,10 +255,8 @@ def observers_named(names: Iterable[str] | None, plant: System) -> tuple[str, ..
 def reasons(refused: Mapping[str, object]) -> str:
     """Return as one text why observers have no gains, each reason once with its observers; `refused`: the reasons by
     observer."""
-    names: dict[str, list[str]] = {}
-    for name, reason in refused.items():
-        names.setdefault(str(reason), []).append(name)
-    return "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
+    grouped = by_reason((name, str(reason)) for name, reason in refused.items())
+    return "; ".join(f"{', '.join(names)}: {reason}" for reason, names in grouped.items())
 
 
 def first_of(

@@ -56,7 +56,7 @@ from hgogen.starting import Starting, longest, starting_gains
 from hgogen.step import StepMayFail, StepTooLong
 from hgogen.stepping.delays import delayed
 from hgogen.system import System
-from hgogen.theorem import Convergence, convergence
+from hgogen.theorem import Convergence
 from hgogen.which_forms import Row, Survey, survey
 
 # arguments of `sample` besides method and dt
@@ -359,10 +359,9 @@ class First:
     step: CallableStep
 
     @property
-    def known(self) -> Convergence | None:
-        """The verdict on the observer's convergence, None if no theorem covers it."""
-        observer = self.step.observer
-        return None if observer.form.kind == "original" else convergence(observer.name, observer.checks)
+    def convergence(self) -> Convergence | None:
+        """The status of its convergence; None if no theorem covers it."""
+        return self.step.observer.convergence
 
     def table(self, name: str = "") -> Mapping[str, Any]:
         """Return the tuning's table, from which an equal step can be built; `name`: that of the tuning, by default the

@@ -35,6 +35,7 @@ from hgogen.starting import starts
 
 REFERENCE = "Boizot, Busvelle, Gauthier, An adaptive high-gain observer for nonlinear systems, Automatica 46 (2010)"
 _EXISTENTIAL = "the theorem's constants are existential: no number for theta, d, gamma can be proved from it"
+_HIGH_GAIN = "the theorem requires a high-gain form, and the plant is in its own coordinates"
 _TRIALS = "validate by trials over noise seeds and jumps"
 EQUATIONS = (
     "z' = A(u) z + b(z, u) + S^-1 C' R_theta^-1 (y - C z)",
@@ -96,7 +97,7 @@ def riccati(
     filter = extended(form, Q, R, covariance, initial, theta, U=U, gate=gate, update=update)
     dynamics, z = filter.part.dynamics, filter.part.z
     mapped = form.system.discrete
-    convergence = discrete.no_proof("riccati") if mapped else _convergence(theta, form, filter.part)
+    convergence = discrete.no_proof(form, "riccati") if mapped else _convergence(theta, form, filter.part)
     continuous = (*EQUATIONS, noise_equation(form, theta.scaled))
     proved = convergence.verdict is Verdict.PROVED
     observer = Observer(
@@ -155,7 +156,8 @@ def _convergence(theta: Theta, form: Form, part: Riccati) -> Check:
             reason = because("the plant is linear, (C, A) is observable and (A, Q) controllable, by exact ranks")
             return Check(id, LINEAR.conclusion, Verdict.PROVED, reason, proofs=(Grounds(numbers, plant),))
         return Check(id, LINEAR.conclusion, Verdict.UNKNOWN, obstacle, fix=_TRIALS)
-    conclusion, reason, fix = theta.theorem.conclusion, because(_EXISTENTIAL), _TRIALS
+    reason = because(_HIGH_GAIN if form.kind == "original" else _EXISTENTIAL)
+    conclusion, fix = theta.theorem.conclusion, _TRIALS
     try:
         demand_chains(form)
     except BadGain:

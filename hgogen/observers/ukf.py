@@ -113,7 +113,7 @@ def ukf(
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=part.dynamics,
-        claims=lambda: form.checks,
+        claims=lambda: (*form.checks, discrete.no_proof(form, "ukf")),
         accepted=accept,
         theorem=discrete.THEOREM if form.system.discrete else THEOREM,
         equations=(

@@ -226,8 +226,8 @@ class Consistency:
             if one.whiteness is not None and not one.whiteness.white:
                 sentences.append(
                     f"innovations of {one.output} are not white (Ljung-Box {one.whiteness.statistic:.3g}, limit "
-                    f"{one.whiteness.limit:.3g}): they can be predicted. The model, the gains, or "
-                    "the time of an input or sensor is wrong"
+                    f"{one.whiteness.limit:.3g}): each depends on those before it, since the model, "
+                    "the gains, or the time of an input or sensor is wrong"
                 )
         joint, marginal = self.joint, not sentences and not explained
         if joint is not None and marginal and not joint.band[0] <= joint.nis <= joint.band[1]:
