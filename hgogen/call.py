@@ -139,7 +139,10 @@ class CallableStep(Step, Displayed):
             self._take[name](value)
         for output, age in zip(self.late, self.ages, strict=True):
             if age.name in y and output.name not in y:
-                raise BadShape(f"update({age.name}=)", f"tells the age of no sample; give {output.name} with it")
+                raise BadShape(
+                    f"update({age.name}=)",
+                    f"is the age of a sample of {output.name} that is missing; give {output.name} too",
+                )
         ending = "" if at is None else "_at"
         if at is not None:
             self._take_at(at)
@@ -155,7 +158,10 @@ class CallableStep(Step, Displayed):
 
     def _take_at(self, at: int) -> None:
         if not self.code.timed:
-            raise BadShape(f"update({at!r}, ..)", "is told a time; this step counts none: sample(.., periods={})")
+            raise BadShape(
+                f"update({at!r}, ..)",
+                "is given a time, but this step has no `periods`: make it by sample(.., periods={})",
+            )
         if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
             raise BadShape(f"update({at!r}, ..)", "needs the number of a period, a whole number from 0")
         self._kept.places[AT][0] = int(at) % ROUND
@@ -509,7 +515,7 @@ def sample(
 def _warn_of_angles_and_start(planned: Step) -> None:
     form = planned.observer.form
     for x, turn in form.system.growing.items():
-        why = "has no range, and all is the same a turn further: its number grows with the turns and loses its digits"
+        why = "has no range, and its equations repeat after a turn: its value grows with the turns and loses digits"
         declare = f"declare period={turn} of it, and of outputs that are this angle"
         warnings.warn(f"{x} {why}; {declare}", GrowingAngle, stacklevel=3)
     start = next((item.initial for item in planned.layout.state if item.name == "z"), None)

@@ -469,8 +469,8 @@ def _demand_varying(observer: Observer, periods: Any) -> None:
         way = "give its density per unit of time as Q, or dt as a number"
         raise BadStep(what, f"does not go with noise of inputs ({noisy}), which is held over one dt; {way}")
     if "Q_per_sample" in declared:
-        way = "Q, the density per unit of time, Q_per_sample/dt, of ekf and kalman with density = True"
-        raise BadStep(what, f"adds process noise by the time elapsed, and Q_per_sample is for one dt only; give {way}")
+        way = "in place of Q_per_sample, which is for one dt; ekf and kalman take it with density = True"
+        raise BadStep(what, f"needs Q, the process noise per unit of time (Q_per_sample/dt), {way}")
 
 
 def _demand_length(observer: Observer, method: Method, dt: float) -> None:

@@ -127,6 +127,16 @@ class System(Displayed):
         return "+" if self.discrete else "'"
 
     @property
+    def equations(self) -> tuple[str, ...]:
+        """The equations as texts, x' = f(x, u) or x+ = f(x, u) of each state, then y = h(x, u) of each output."""
+        mark = self.next_mark
+        flow = (f"{x}{mark} = {row}" for x, row in zip(self.states, self.flow, strict=True))
+        return (*flow, *(f"{y} = {row}" for y, row in zip(self.outputs, self.output, strict=True)))
+
+    def __str__(self) -> str:
+        return "\n".join([f"{self.name}, time in {self.time}", *(f"  {row}" for row in self.equations)])
+
+    @property
     def supplied(self) -> tuple[Signal, ...]:
         """The inputs that a caller supplies: all but times, which follow them."""
         return supplied(self.inputs)

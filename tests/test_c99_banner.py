@@ -39,7 +39,10 @@ def uncertain() -> hg.Observer:
 
 
 def test_what_was_accepted_says_what_follows() -> None:
-    coasts = "the observer coasts while a_2 is near 0: the states behind it are then seen only through changes of u"
+    coasts = (
+        "the observer predicts without correction while a_2 is near 0: the states behind it are then seen only "
+        "through changes of u"
+    )
     accepted = "refuted (accepted by the user): triangular.a_2: at u = 0"
     assert f"{accepted}; so {coasts}" in words(fitzhugh_nagumo(), 0.01)
     check = next(check for check in fitzhugh_nagumo().checks if check.id == "triangular.a_2")

@@ -159,7 +159,7 @@ def test_an_alarm_that_feeds_itself_is_refused() -> None:
     task.make_step = lambda name, row, gains: (tables.append(gains["theta"]), SimpleNamespace(step=step))[1]
     refusal = adaptive(task, tuned())
     assert isinstance(refusal, str)
-    assert "an alarm feeds itself, even with theta_1 = 2 (alarm ratio 1.4)" in refusal
+    assert "theta does not return to 1, even with theta_1 = 2 (alarm ratio 1.4)" in refusal
 
 
 def test_the_innovations_of_the_rows_held_out_are_all_counted() -> None:

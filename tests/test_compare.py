@@ -372,7 +372,7 @@ def test_the_table_of_what_is_proved_has_a_dash_for_what_is_not() -> None:
     bound = {"proved": {"x1": 0.00123451, "x2": 1.0}, "worst": {"x1": 0.001, "x2": None}}
     other = replace(one, name="other", unproved="no norm")
     text = said(comparing.comparison_tables("title", [replace(one, **bound), other], "s", {}, {}))
-    rows = [line.split() for line in text.partition("proved: no error above")[2].splitlines()]
+    rows = [line.split() for line in text.partition("proved: a bound of the error")[2].splitlines()]
     assert ["high_gain", "0.00124", "(0.001)", "1", "(-)", "-", "-"] in rows
     assert ["other", "-", "-", "-", "-"] in rows
     assert "other: no norm" in text

@@ -415,7 +415,7 @@ def test_samples_without_ages_are_refused() -> None:
 def test_an_age_without_a_sample_is_refused() -> None:
     step, _ = fresh("bent")
     step.predict(0.0)
-    with pytest.raises(BadShape, match=r"update\(y_age=\) tells the age of no sample; give y with it"):
+    with pytest.raises(BadShape, match=r"update\(y_age=\) is the age of a sample of y that is missing; give y too"):
         step.update(y_age=1)
 
 

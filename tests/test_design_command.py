@@ -105,7 +105,7 @@ def called(text: str, form: hg.Form) -> hg.Observer:
         (("pendulum.py", "--rates", "inf"), "must be up to 20 positive numbers"),
         (("pendulum.py", "--rates", ","), "must be up to 20 positive numbers"),
         (("pendulum.py", "--rates", "1e16"), r"rate = 1e\+16 must be from 1e-15 to 1e\+15; take other units"),
-        (("pendulum.py", "--observer", "riccati"), "riccati has no constant injection, .* take high_gain"),
+        (("pendulum.py", "--observer", "riccati"), "riccati has no constant gain .* take high_gain"),
         (
             ("bioreactor.py",),
             "bioreactor has no gain that is designed: the bound is for an observer .*; gains are designed on a form of "

@@ -198,7 +198,7 @@ def test_a_state_that_is_held_is_named() -> None:
     angle = np.cumsum(np.append(0, rates[:-1, 0])) * 0.02
     log = Log(rates + 0.3, (angle + 0.01 * draw.normal(size=300))[:, None], 0.02)
     (one,) = inspect(hg.sample(observer, dt=0.02), log)
-    assert (one.fault, "drift, held by Q and P(0)" in one.fix) == ("offset", True)
+    assert (one.fault, "drift, with too small a Q" in one.fix) == ("offset", True)
 
 
 def test_what_stands_still_with_all_others_is_at_rest() -> None:
@@ -410,7 +410,7 @@ def test_learning_from_late_samples_demands_their_shift(command: str, tmp_path: 
     words = [command, str(tmp_path / "motor.toml"), "--data", str(tmp_path / "log.csv"), "--time", "t"]
     for more in ([], ["--map", "tacho_age=5"]):
         error = " ".join(hgogen(*words, *more, status=2)[1].replace("│", " ").split())
-        assert "those of tacho come late: say --shift tacho=-5, or 0 for a log that is in order" in error
+        assert "rows of their measurement: add --shift tacho=-5, or 0 if the log has them there" in error
     for shift in ("tacho=-5", "tacho = 0"):
         assert "come late" not in "".join(hgogen(*words, "--shift", shift, status=2))
 

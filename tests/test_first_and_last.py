@@ -96,7 +96,10 @@ def test_a_refusal_is_in_the_language_of_the_model(tmp_path: Path) -> None:
     path.write_text(path.read_text() + 'observer = {kind = "high_gain", theta = 5, poles = [-1, -1], dt = 1e-3}\n')
     for command in ("check", "generate"):
         out, err = hgogen(command, str(path), *(["--out", str(tmp_path)] if command == "generate" else []), status=1)
-        assert 'To build all the same, say accept = ["triangular.a_2"], knowing that the observer coasts' in err
+        assert (
+            'To build all the same, say accept = ["triangular.a_2"], knowing that the observer predicts without '
+            "correction" in err
+        )
         assert "accept=" not in out + err
     assert "Or accept triangular.a_2, knowing that" in " ".join(
         hgogen("check", str(path), "--all", status=1)[0].split()

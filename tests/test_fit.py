@@ -124,7 +124,7 @@ def test_a_sensor_that_lags_has_its_lag_and_does_not_move_the_parameters() -> No
     (lag,) = fit.lags
     assert (lag.name, lag.unit) == ("y", "s")
     assert lag.value == pytest.approx(tau, rel=0.02)
-    assert any("the sensor of y lags, which the model does not say" in note for note in fit.notes())
+    assert any("the sensor of y lags, which the model lacks" in note for note in fit.notes())
     assert fit.plant.states == PLANT.states
     assert list(fit.first[0]) == ["x", "v"]
     assert fit.as_dict()["lags"] == {"y": lag.value}
@@ -136,7 +136,7 @@ def test_a_sensor_that_lags_has_its_lag_and_does_not_move_the_parameters() -> No
 def test_where_no_sensor_lags_none_is_seen() -> None:
     fit = hg.fit(PLANT, log(seed=2, sigma=1e-3), free=("k", "c", "g"), lag=["y"], starts=1)
     assert fit.lags[0].at == "low"
-    assert "the records show no lag of y of half a sample or more" in fit.notes()
+    assert "the logs show no lag of y of half a sample or more" in fit.notes()
 
 
 @pytest.mark.full
@@ -225,7 +225,7 @@ def test_what_a_record_does_not_tell_is_said() -> None:
     (direction,) = fit.untold  # p q stays, so that 0 = q dp + p dq, with dp, dq in units of the nominal 2 and 0.5
     assert values[1] * 2 * direction["p"] + values[0] * 0.5 * direction["q"] == pytest.approx(0, abs=1e-3)
     assert all(one.deviation == float("inf") for one in fit.parameters)
-    assert "no record of these outputs would tell" in " ".join(fit.notes())
+    assert "no log of these outputs would determine" in " ".join(fit.notes())
     assert (fit.joint.rank, fit.joint.count, fit.joint.hidden) == (1, 2, ("p", "q"))
 
 
@@ -240,8 +240,8 @@ def test_what_no_record_tells_is_parted_from_what_this_one_does_not() -> None:
     assert sorted(map(sorted, fit.untold)) == [["g"], ["p", "q"]]
     assert (fit.joint.rank, fit.joint.count, fit.joint.hidden) == (2, 3, ("p", "q"))
     notes = " ".join(fit.notes())
-    assert "the records do not, though others would, tell +1 g, in units of ranges" in notes
-    assert "no record of these outputs would tell" in notes
+    assert "the logs do not, though others would, determine +1 g (in units of ranges)" in notes
+    assert "no log of these outputs would determine" in notes
     assert fit.as_dict()["joint"]["unseen"]
 
 
@@ -260,7 +260,9 @@ def test_a_parameter_in_no_equation_is_told_by_no_record() -> None:
     plant = hg.System("idle", states=(X,), outputs=(Y,), parameters=(K, idle), flow=[-K * X], output=[X])
     y = np.exp(-3 * 0.05 * np.arange(60))
     fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), starts=1)
-    sentence = "no record of these outputs would tell +1 idle, in units of ranges: where it ended says nothing; fix it"
+    sentence = (
+        "no log of these outputs would determine +1 idle (in units of ranges); its fitted value is arbitrary: fix it"
+    )
     assert sentence in fit.notes()
     assert fit.parameters[0].deviation < 0.1 < fit.parameters[1].deviation == math.inf
 
@@ -273,8 +275,8 @@ def test_a_threshold_is_not_said_to_be_told_by_no_record() -> None:
     fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), 1 + np.exp(-0.05 * 2 * np.arange(60)), 0.05), starts=1)
     assert (fit.joint.hidden, fit.joint.doubtful) == ((), ("p",))
     notes = " ".join(fit.notes())
-    assert "no record of these outputs" not in notes
-    assert "whether another record would is not known" in notes
+    assert "no log of these outputs" not in notes
+    assert "whether other logs would is not known" in notes
 
 
 def test_a_parameter_of_another_branch_is_told_by_other_records() -> None:
@@ -284,7 +286,7 @@ def test_a_parameter_of_another_branch_is_told_by_other_records() -> None:
     y = -1 + 0.5 * np.exp(-0.05 * np.arange(60))
     fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), y, 0.05), free=["k", "g"], starts=1)
     assert (fit.joint.hidden, fit.joint.doubtful) == ((), ())
-    assert "the records do not, though others would, tell +1 g" in " ".join(fit.notes())
+    assert "the logs do not, though others would, determine +1 g" in " ".join(fit.notes())
 
 
 def test_a_rank_that_is_not_proved_is_no_fact() -> None:
@@ -294,12 +296,12 @@ def test_a_rank_that_is_not_proved_is_no_fact() -> None:
     plant = hg.System("quotient", states=(X,), outputs=(Y,), parameters=(p, q), flow=flow, output=[X])
     fit = hg.fit(plant, hg.Log(np.zeros((60, 0)), np.exp(-0.6 * 0.05 * np.arange(60)), 0.05), starts=1)
     assert (fit.joint.hidden, fit.joint.doubtful) == ((), ("p", "q"))
-    assert "no record of these outputs" not in " ".join(fit.notes())
+    assert "no log of these outputs" not in " ".join(fit.notes())
 
 
 def test_a_record_that_stands_still_is_said() -> None:
     fit = hg.fit(PLANT, hg.Log(np.zeros(40), np.zeros(40), DT), free=["k", "c", "g"], starts=1)
-    sentence = "y stands still in the records, so that it tells little; give a record in which the plant moves"
+    sentence = "y is constant in the logs, which then determine little; give a log in which the plant moves"
     assert sentence in fit.notes()
     assert fit.whiteness == {"y": None}
 
@@ -313,7 +315,7 @@ def test_residuals_are_tested_for_whiteness() -> None:
     assert not fit.whiteness["y"].white
     (note,) = (note for note in fit.notes() if "not white" in note)
     assert "residuals of y are not white (Ljung-Box" in note
-    assert "the plant does more than the model" in note
+    assert "the model lacks something" in note
     assert fit.as_dict()["whiteness"]["y"]["white"] is False
 
 
@@ -480,7 +482,7 @@ def test_a_state_at_the_end_of_its_range_is_said() -> None:
     )
     fit = hg.fit(plant, log(count=100), starts=1)
     assert fit.confined == ("x",)
-    assert "x lies at an end of its range somewhere; if it may be beyond, widen it" in fit.notes()
+    assert "x reaches an end of its range in the fit; if the plant may leave this range, widen it" in fit.notes()
     assert hg.fit(PLANT, log(count=100), starts=1).confined == ()
 
 
@@ -488,7 +490,7 @@ def test_what_is_followed_no_better_than_by_its_mean_is_said() -> None:
     """y in degrees where the plant is in radians, far beyond the range of the state."""
     record = log(count=100)
     notes = hg.fit(PLANT, hg.Log(record.u, 57.3 * record.y + 300, DT), starts=1).notes()
-    assert "y is followed no better than by its mean; are its unit, sign and offset right?" in notes
+    assert "y is fitted no better than by its mean; are its unit, sign and offset right?" in notes
 
 
 BAD = {
@@ -584,7 +586,7 @@ def test_what_predicts_worse_than_others_is_said() -> None:
     both = list(_verdicts([row, replace(row, record="b.csv")]))
     assert both[0].endswith("in the rows held out of a.csv")
     assert both[2].endswith("in the rows held out of b.csv")
-    assert all("under feedback that refutes nothing" in said for said in _verdicts([row], By.PREDICTION))
+    assert all("with a feedback controller this proves nothing" in said for said in _verdicts([row], By.PREDICTION))
     assert "feedback" not in "".join(_verdicts([replace(row, ahead=1)], By.PREDICTION))
 
 
@@ -958,7 +960,9 @@ def test_a_direction_that_is_not_told_may_end_far_from_its_start() -> None:
     y = 1e-3 * np.sin(np.arange(40)) + np.linspace(0.1, 0.0999, 40)
     fit = hg.fit(plant, hg.Log(np.zeros((40, 0)), y, 0.01), free=["k"], starts=1)
     assert fit.parameters[0].value > 10 * k.nominal
-    assert any("tell +1 k, in units of ranges: where it ended says nothing; fix it" in note for note in fit.notes())
+    assert any(
+        "determine +1 k (in units of ranges); its fitted value is arbitrary: fix it" in note for note in fit.notes()
+    )
 
 
 @pytest.mark.parametrize(("growing", "length"), [(0.0, 10), (0.2, 10), (0.5, 6), (4.0, 1)])
@@ -1033,7 +1037,10 @@ def test_a_search_that_ends_above_its_start_begins_once_more_there(monkeypatch: 
     assert begun[1][0] == 1.0  # c as it was given
     assert np.ptp(begun[1][1::2] - begun[0][1::2]) > 0  # with other states
     assert result.above_start > 0
-    assert any(note.startswith("the fit ended above its start, at ") for note in result.notes())
+    assert any(
+        note.startswith("the fit ended with a higher cost than that of the declared values (at ")
+        for note in result.notes()
+    )
     monkeypatch.setattr(Solver, "solve", solve)
     assert hg.fit(PLANT, record, free=["c"], starts=1).above_start == 0
 

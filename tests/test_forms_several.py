@@ -215,13 +215,13 @@ def test_a_gain_of_a_block_that_vanishes_is_refuted() -> None:
     [
         ([X2, 0], (X2, X2), "y1 and y2 bring in the same state, x2"),
         ([X2, 0], (X2, X1 + X2), "y2 brings in x1, x2 together"),
-        ([X3, 0, 0, X4], (X1, X2), "no row brings in x4"),
+        ([X3, 0, 0, X4], (X1, X2), "no equation brings in x4"),
         ([X3 * X1, 0, 0], (X1, X2), "x1' brings in x3 with a slope that varies with x1"),
     ],
 )
 def test_what_is_no_block_form_says_why(flow: list[sp.Expr], outputs: tuple[sp.Expr, ...], says: str) -> None:
     form = forms.block_triangular(plant(flow, *outputs), "top")
-    hidden = {"connected": "refuted"} if "no row brings in" in says or "same state" in says else {}
+    hidden = {"connected": "refuted"} if "no equation brings in" in says or "same state" in says else {}
     assert verdicts(form) == {"structure": "refuted"} | hidden
     assert says in str(check(form, "structure").reason)
     assert form.blocks == (form.n,)

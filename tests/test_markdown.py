@@ -156,7 +156,7 @@ def test_a_hypothesis_that_the_gains_refute_is_told() -> None:
 def test_a_refuted_claim_that_was_accepted_says_what_follows() -> None:
     (row,) = (row for row in cells(document(emitted.step("fitzhugh_nagumo")), "Claims") if "a_2" in row[1])
     assert row[0] == "refuted (accepted by the user)"
-    assert "at u = 0; so the observer coasts" in row[3]
+    assert "at u = 0; so the observer predicts without correction" in row[3]
 
 
 def test_gains_have_values_ranges_and_units() -> None:

@@ -98,7 +98,7 @@ def test_a_parameter_without_a_range_stands_at_its_value() -> None:
 
 def test_branches_and_undefined_plants() -> None:
     analysis = observability(plant([b, -sp.Abs(b)], a, parameters=()))
-    assert "asked on 2 branches" in str(analysis.checks[0].reason)
+    assert "examined on 2 branches" in str(analysis.checks[0].reason)
     assert "a, b, u without a range: sampled from 0.01 to 100 in size" in str(analysis)
     with pytest.raises(NowhereDefined, match="logarithm"):
         observability(plant([b, sp.log(u - a**2 - 9) + sp.log(-u)], a, parameters=()))

@@ -99,7 +99,7 @@ def test_one_name_is_of_one_model(here: Path) -> None:
         ("CMakeLists.txt", "hgogen did not write what is there"),
         ("README.md", "hgogen did not write what is there"),
         ("src/tank.h", "hgogen did not write what is there"),
-        ("src/pump.c", "it holds pump.c too, which a build would compile along"),
+        ("src/pump.c", "it also contains pump.c, which a build would compile too"),
     ],
 )
 @pytest.mark.usefixtures("undrawn")
@@ -124,7 +124,7 @@ def test_another_name_in_the_same_folder_leaves_no_second_source(here: Path) -> 
     hgogen("build", "tank.toml", "--for", "cmake", "-o", "out")
     before = {path: (here / "out" / path).read_bytes() for path in below(here / "out")}
     _, err = hgogen("build", "tank.toml", "--for", "cmake", "--name", "left", "-o", "out", status=2)
-    assert "it holds tank.c too" in err
+    assert "it also contains tank.c" in err
     assert {path: (here / "out" / path).read_bytes() for path in below(here / "out")} == before
 
 

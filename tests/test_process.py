@@ -290,7 +290,7 @@ def test_two_models_of_one_name(here: Path) -> None:
         (here / folder).mkdir()
     (here / "a" / "one.py").write_text(PENDULUM.read_text())
     (here / "b" / "ONE.py").write_text(PENDULUM.read_text())
-    assert "have one name" in " ".join(hgogen("generate", "a/one.py", "b/ONE.py", status=2)[1].split())
+    assert "have the same name" in " ".join(hgogen("generate", "a/one.py", "b/ONE.py", status=2)[1].split())
     assert not (here / "generated").exists()
 
 

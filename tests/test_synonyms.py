@@ -49,7 +49,7 @@ def test_it_asks_what_the_noise_is(name: str) -> None:
 
 def test_what_a_varying_dt_refuses_names_what_it_takes() -> None:
     dt = (DT / 2, DT)
-    with pytest.raises(BadStep, match=r"give Q, .*, Q_per_sample/dt, of ekf and kalman with density = True$"):
+    with pytest.raises(BadStep, match=r"needs Q, .* ekf and kalman take it with density = True$"):
         hg.sample(hg.observers.ekf(form, **NOISE), dt=dt)
     densities = {"Q": (0.25 / DT, 1 / DT), "noise": {"y": 0.5}}
     step = hg.sample(hg.observers.ekf(form, **densities, density=True), dt=dt)

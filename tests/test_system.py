@@ -89,3 +89,10 @@ def test_a_name_that_c_cannot_carry() -> None:
 def test_a_refused_name_comes_with_one_that_does(name: str, hint: str) -> None:
     with pytest.raises(BadName, match=f"such as '{hint}'"):
         System(name, states=(), outputs=(), flow=[], output=[])
+
+
+@pytest.mark.parametrize(("discrete", "mark"), [(False, "'"), (True, "+")])
+def test_a_plant_prints_its_equations(discrete: bool, mark: str) -> None:
+    signals = {"states": (q, w), "inputs": (tau,), "outputs": (y,)}
+    plant = System("plant", **signals, flow=[w, tau - q], output=[2 * q], time="h", discrete=discrete)
+    assert str(plant) == f"plant, time in h\n  q{mark} = w\n  w{mark} = -q + tau\n  y = 2*q"

@@ -618,7 +618,7 @@ def test_the_verdict_says_why_and_where_measures_disagree() -> None:
         "innovations of y are 3 times as large as high_gain assumes, in the rows held out: they scatter more "
         "there, and its variances are not to be trusted",
         "as good as high_gain (0.52), since their errors differ by at most 5 %: riccati (0.5)",
-        "other errors than the one that chose high_gain, in the rows held out: riccati predicts y better "
+        "by errors other than the one that chose high_gain, in the rows held out: riccati predicts y better "
         "5 samples ahead, 0.8 for 1; copying predicts y better 5 samples ahead, 0.9 for 1; "
         "riccati estimates v better by its truth, which is not tuned on, 0.3 for 0.4; "
         "differencing estimates v as well by its truth, which is not tuned on, 0.41 for 0.4",
@@ -678,10 +678,12 @@ def test_the_verdict_says_where_copying_does_better_and_what_is_judged() -> None
         Judged("differencing", {1: {"y": 0.5}}, {}, {}),
     ]
     said = verdicts(made, rows, "in all rows")
-    assert said[1].startswith("no gains of riccati do better than copying the last value: the model does not predict")
+    assert said[1].startswith(
+        "no gains of riccati predict better than copying the last value: the model does not predict"
+    )
     assert "in all rows: they scatter more there" in said[2]
     assert said[3:] == (
-        "other errors than the one that chose riccati, in all rows: copying predicts y better 1 sample ahead, 0.1 "
+        "by errors other than the one that chose riccati, in all rows: copying predicts y better 1 sample ahead, 0.1 "
         "for 0.2",
     )
 

@@ -568,7 +568,7 @@ def test_a_trial_on_a_target_has_the_times_as_a_column(tmp_path: Path) -> None:
         (
             lambda: hg.observers.riccati(hg.forms.original(linear()), Q_per_sample=[1, 1], noise={"y": 1}),
             {},
-            "Q_per_sample is for one dt only",
+            "needs Q, the process noise per unit of time",
         ),
         (
             lambda: hg.observers.riccati(hg.forms.original(linear()), Q=[1, 1], noise={"y": 1, "u": 0.1}),

@@ -234,8 +234,8 @@ unsigned fitzhugh_nagumo_restore(fitzhugh_nagumo_state *s, const unsigned char *
  *   Q = {x1: 0.1, x2: 0.01, eta: 0.00023}
  * Method: continuous-discrete, L D L', dt = 0.01 s
  * Claims: 4 proved
- *   refuted (accepted by the user): triangular.a_2: at u = 0; so the observer coasts while a_2 is near 0: the
- *     states behind it are then seen only through changes of u
+ *   refuted (accepted by the user): triangular.a_2: at u = 0; so the observer predicts without correction
+ *     while a_2 is near 0: the states behind it are then seen only through changes of u
  *   unknown: riccati.convergence
  * Hypotheses of its theorem, and the evidence of the claims: fitzhugh_nagumo.md
  * @endverbatim

@@ -92,7 +92,7 @@ class TransformedPlant:
         unbounded = [u.name for u in self.known if not u.bounded]
         if unbounded:
             return Check(id, claim, Verdict.UNKNOWN, because(missing, names=names, loose=unbounded), fix=fix)
-        listed = because("{names} enter, to be supplied, in declared ranges", names=names)
+        listed = because("{names} must be supplied as inputs, in declared ranges", names=names)
         return Check(id, claim, Verdict.PROVED, listed if names else because("none enters"))
 
     def inverse(self) -> dict[sp.Symbol, sp.Expr] | None:

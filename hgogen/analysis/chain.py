@@ -219,7 +219,7 @@ def levelwise(rows: Rows) -> Chains:
             if sure or maybe:
                 certain = certain and (bool(sure) or single)
                 links[j] = link(name, row, (*sure, *maybe), rows)
-        no_row = NONE if links else because("no row brings in {states}", states=remaining)
+        no_row = NONE if links else because("no equation brings in {states}", states=remaining)
         if end := shared_state(links.values()) or no_row:
             return broken(end)
         for j, new in links.items():
@@ -236,7 +236,7 @@ def _stop(
     this is proved; None if it goes on. `sure`, `maybe`: the new states that the
     equation depends on, or may depend on; `remaining`: states in no chain yet."""
     if len(sure) > 1:
-        pattern = "{row} brings in {states} together, and each row may bring in one new state"
+        pattern = "{row} brings in {states} together, and each equation may bring in only one new state"
         return because(pattern, row=name, states=sure), True
     if not sure and len(maybe) > 1:
         return because("{row} may bring in {states}, and none is shown to matter", row=name, states=maybe), False
@@ -328,7 +328,7 @@ def cascade(rows: Rows, shape: Shape = Shape.CONSTANT) -> Chains:
         chosen += [each.state for each in done[ready]]
     unreached = [x for x in rows.states if x not in chosen]
     links = tuple(done[j] for j in range(len(first)))
-    return Chains(links, because("no row brings in {states}", states=unreached) if unreached else NONE)
+    return Chains(links, because("no equation brings in {states}", states=unreached) if unreached else NONE)
 
 
 def _heads(rows: Rows) -> list[Link] | Chains:
@@ -404,7 +404,7 @@ def _too_late(chains: Chains, rows: Rows) -> Reason:
         late = [x for x, (k, level) in place.items() if level > j + sizes[k] - sizes[i] and x not in following]
         sure, maybe = rows.reads(rows.rate(state), late)
         if sure or maybe:
-            pattern = "{state}' reads {states}, nearer to the end of its chain"
+            pattern = "{state}' depends on {states}, nearer to the end of its chain"
             return because(pattern, state=state, states=(*sure, *maybe))
     return NONE
 
@@ -422,7 +422,7 @@ def _swept(rows: Rows, priority: Sequence[int]) -> Chains:
     while remaining:
         extended = [j for j in priority if j not in waiting and _extended(chains[j], remaining, rows, waiting, j)]
         if not extended and not any(_extended(chains[j], remaining, rows, set(), j) for j in sorted(waiting)):
-            why = because("no row brings in {states}", states=remaining)
+            why = because("no equation brings in {states}", states=remaining)
             return Chains(tuple(map(tuple, chains)), why, certain=False)
     return Chains(tuple(map(tuple, chains)), certain=False)
 
@@ -483,7 +483,7 @@ def connected(maker: str, hidden: Sequence[sp.Symbol], doubtful: Sequence[sp.Sym
     id = ClaimId(maker, "connected")
     claim = "every state appears in an output, or in the equation of a state that is reached from an output"
     if not hidden and doubtful:
-        reason = because("it is not shown that {states} matters where it is read", states=doubtful)
+        reason = because("it is not proved that {states} affects the equation in which it appears", states=doubtful)
         return Check(id, claim, Verdict.UNKNOWN, reason)
     if not hidden:
         return Check(id, claim, Verdict.PROVED, because("by following dependencies from the outputs"))

@@ -162,7 +162,7 @@ def _fix(name: str, signals: tuple[Signal, ...], system: System) -> tuple[str, s
     if not signals:
         return f"{name} is a constant; correct the model or the parameter's value.", ""
     names, inputs = (", ".join(s.name for s in some) for some in (signals, [u for u in signals if u in system.inputs]))
-    coasts = f"the observer coasts while {name} is near 0"
+    coasts = f"the observer predicts without correction while {name} is near 0"
     consequence = f"{coasts}: the states behind it are then seen only through changes of {inputs}"
     return f"Restrict the range of {names} so that {name} keeps one sign.", consequence if inputs else ""
 

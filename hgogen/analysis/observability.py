@@ -567,7 +567,7 @@ def observability(plant: System, *, unknown: tuple[str, ...] | None = None) -> O
 def _scope(plant: System, loose: Sequence[sp.Symbol], reached: SampledBranches, count: int) -> Reason:
     if not reached.branching:
         return NONE
-    pattern = "asked on {count} branches, those that {points} points of the ranges reach; there may be others"
+    pattern = "examined on {count} branches, those that {points} points of the ranges reach; there may be others"
     more = because("{more} were found and left out", more=len(reached.branches) + reached.more - count)
     free = [s for s in (*plant.states, *plant.inputs, *loose) if not s.bounded]
     without = because("{free} without a range: sampled from 0.01 to 100 in size, of either sign", free=free)

@@ -526,7 +526,9 @@ def of_plant(plant: System) -> UniformObservability:
         if one.answer is False and one.proved:
             return answers[-1]
     doubtful = next((one for one in answers if one.answer is not True), None)
-    smooth = because("it holds on the {count} branches asked, and the theorem is of smooth plants", count=len(answers))
+    smooth = because(
+        "it holds on the {count} branches examined, and the theorem is of smooth plants", count=len(answers)
+    )
     return doubtful or UniformObservability(None, True, smooth)
 
 

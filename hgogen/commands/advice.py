@@ -263,7 +263,7 @@ def _notes(model: Model, observability: Observability, survey: Survey) -> Iterat
     best = list(_measurements(survey.plant))
     if best:
         form = "another form" if survey.proved else "a form"
-        yield f"A measurement that puts the plant in {form}, proved: {'; '.join(best)}."
+        yield f"With another measurement the plant is in {form}, proved: {'; '.join(best)}."
     if not survey.proved:
         yield _advice_without_form(model, survey)
 

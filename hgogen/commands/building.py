@@ -123,7 +123,7 @@ def _demand_replaceable(where: Folder, library: Files) -> None:
     source = where.demand(f"{SOURCES}/{COSTS}")[0].parent
     names = {Path(name).name for name in library}
     if others := sorted(path.name for path in source.glob("*") if path.name not in names):
-        reason = f"it holds {others[0]} too, which a build would compile along"
+        reason = f"it also contains {others[0]}, which a build would compile too"
         raise CannotWrite(str(source), reason, "remove that, or take another folder by --out")
 
 
@@ -409,7 +409,10 @@ def generate_(
     loaded = [load(model).set(setting) for model in models]
     for first, second in combinations(loaded, 2):
         if name_key(first.name) == name_key(second.name):
-            reason = f"{first.path} and {second.path} have one name, and the files of one would replace the other's"
+            reason = (
+                f"{first.path} and {second.path} have the same name, and the files of one would replace those "
+                "of the other"
+            )
             raise typer.BadParameter(f"{reason}; give each a folder of its own by --out", param_hint="MODEL")
     prepared = []
     with Bar("models", len(loaded)) as bar:

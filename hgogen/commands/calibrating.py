@@ -683,7 +683,9 @@ class AdviceReport(ModelReport):
         numbers = ("theta", "certified from", "settles from", f"settles in ({self.unit})")
         table = headed("gains from ranges, noise and period", "", "observer", "form", *numbers, numbers=len(numbers))
         sigmas = ", ".join(f"{output} = {sigma:.3g}" for output, sigma in self.rows[0].gains.sigma.items())
-        title = f"noise: the RMS that it alone makes of an estimate on the trial, of samples with sigma {sigmas}"
+        title = (
+            f"noise: the RMS error that noise alone causes in an estimate on the trial, for samples with sigma {sigmas}"
+        )
         alone = headed(title, "", "observer", "convergence", *states, numbers=len(states))
         for row in self.rows:
             first = "take" if row.gains.name == self.take else "", row.gains.name

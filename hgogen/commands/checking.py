@@ -615,7 +615,7 @@ def _observed(observability: Observability, least: ObservabilityMeasure | None) 
         first, *more = known.exceptions
         return f"{locally}, but {first}" + (", ..." if more else "")
     if least is not None and least.by_motion:
-        return f"{locally}, {next(iter(least.direction))} by its motion alone"
+        return f"{locally}, {next(iter(least.direction))} only along a motion"
     if least is not None and least.below_resolution:
         state, share = next(iter(least.direction)), as_share(least.median, 1)
         return f"{locally}, but {state} practically unobservable ({share})"
@@ -693,8 +693,8 @@ def _answered(answer: Answer, what: str) -> str:
 
 def advice_tables(advice: Advice) -> RenderableType:
     """Return the admitted observers, best first, with the line that makes each, and the notes."""
-    subtitle = "each built without accepting anything, with what is known of its convergence in continuous time"
-    head = Text(f"{advice.plant}: what to take, {subtitle}", style="bold")
+    subtitle = "each without accepted checks, and the status of its convergence in continuous time"
+    head = Text(f"{advice.plant}: observers, {subtitle}", style="bold")
     parts: list[RenderableType] = [head]
     if advice.admitted:
         table = Table(*("observer", "form", "convergence", "cost", "use it if"), **_PLAIN)

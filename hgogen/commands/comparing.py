@@ -309,7 +309,10 @@ def comparison_tables(
 def _proved(each: Sequence[Measured], states: Sequence[str]) -> list[RenderableType]:
     if not any(one.proved or one.unproved for one in each):
         return []
-    title = "proved: no error above, once the start has decayed; behind it the worst of all seeds from then on"
+    title = (
+        "proved: a bound of the error once the initial error has decayed; then the largest error of all seeds "
+        "after that"
+    )
     table = headed(title, "observer", *states, numbers=len(states))
     for one in each:
         cells = []

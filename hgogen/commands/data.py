@@ -181,9 +181,9 @@ def demand_in_time(model: Model, shift: Sequence[str] | None) -> None:
     if missing := {y: most for y, most in late.items() if y not in shifted}:
         options = " ".join(f"--shift {y}={-most}" for y, most in missing.items())
         raise typer.BadParameter(
-            "parameters and gains are learned from samples at the time of measurement, and by the model's delays "
-            f"those of {', '.join(missing)} come late: say {options}, or 0 for a log that is in order, and map no "
-            "ages; the delays stay in the model",
+            f"the model's delays say that samples of {', '.join(missing)} come late, but parameters and gains are "
+            f"learned from samples at the rows of their measurement: add {options}, or 0 if the log has them there "
+            "already, and map no ages; leave the delays in the model",
             param_hint="--shift",
         )
 
@@ -319,6 +319,6 @@ def log_summary(
         grouped = by_reason((f"{name} = {one.value:g}", one.why) for name, one in begins.items())
         at = ", ".join(f"{', '.join(values)} ({why})" for why, values in grouped.items())
         others = ", ".join(name for name in states if name not in begins)
-        more = f"; the log does not tell {others}, which start at the observer's `initial`" if others else ""
+        more = f"; the log gives no start of {others}: the observer's `initial` is taken" if others else ""
         lines.append(f"the estimate starts at {at}{more}")
     return Group(Text(read.path, style="bold"), *(Text(f"  {line}") for line in lines), "")

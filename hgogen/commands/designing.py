@@ -163,7 +163,7 @@ def _reference(loaded: Model, observer: str | None) -> CallableStep:
         return step
     if observer is not None:
         raise typer.BadParameter(
-            f"{observer} has no constant injection, beside which a gain is set; take high_gain", param_hint="--observer"
+            f"{observer} has no constant gain to be designed; take high_gain", param_hint="--observer"
         )
     return loaded.step("high_gain")
 

@@ -67,8 +67,9 @@ FAR = 4.0  # standard errors by which a parameter moves only if the rows held ou
 UNLIKE = ": they are unlike the others, or the model is too simple; judge the fit on another log, by --held-out FILE"
 _AHEAD = (1, 5, 25)  # samples ahead, of the validation errors
 _FEEDBACK = (
-    "under feedback that refutes nothing, since inputs ahead answer noise that is still to come: judge by hgogen tune, "
-    "one sample ahead"
+    "with a feedback controller this proves nothing, since later inputs respond to noise that no prediction knows: "
+    "judge "
+    "by hgogen tune, one sample ahead"
 )
 
 
@@ -370,7 +371,7 @@ def _judgement(
         if observer is not None:  # requested by name
             raise
         return [], f"no observer estimates the rows held out: {error}"
-    return judged, "" if judged else "there is no sample in the rows held out that its observer does not reject"
+    return judged, "" if judged else "its observer rejects every sample in the rows held out"
 
 
 def _judged(model: Model, observer: str | None, result: Fit, logs: Logs, between: str) -> Iterator[PredictionErrors]:
@@ -425,7 +426,9 @@ def proposed_options(result: Fit, logs: Sequence[Log], robust: bool, fitted: Ite
     """Yield sentences that propose --robust if residuals have outliers, and --offset if residuals have a mean; `logs`:
     those of the fit `result`; `fitted`: the outputs that have an offset already."""
     if outlying := [name for name, part in result.outlying.items() if part > OUTLYING and not robust]:
-        yield f"{', '.join(outlying)} has outliers: with --robust they count by their distance, not by its square"
+        yield (
+            f"{', '.join(outlying)} has outliers: with --robust a large residual counts by its size, not by its square"
+        )
     for j, y in enumerate(result.plant.outputs):
         pairs = zip(logs, result.fitted, strict=True)
         e = np.concatenate([y.difference(log.y[: len(f), j], f[:, j]) for log, f in pairs])

@@ -537,7 +537,7 @@ def inspect_(
         if opened.elapsed is not None:
             middle = float(np.median(opened.elapsed[1:]))
             notes += (
-                f"no delay is searched between rows at times of their own; --dt {middle:.3g} lays them on a grid",
+                f"the rows are not evenly spaced, so that no delay is searched; add --dt {middle:.3g} to search delays",
             )
         report = InspectReport(loaded.path, step, opened.record, tuple(faults), other, notes)
         bar.tick("the figure")

@@ -95,8 +95,8 @@ def _make(name: str, case: Callable[..., Observer], form: Any, **arguments: Any)
     sampled = isinstance(form, Form) and form.system.discrete  # so that there is no density
     if known.explicit and densities and not (sampled or arguments.get("density")):
         reason = (
-            f"must say what its {' and '.join(densities)} are: give Q_per_sample, and noise or R_per_sample, for the "
-            "noise of one sample, or density = True for spectral densities"
+            f"must say what its {' and '.join(densities)} are: write Q_per_sample, and noise or R_per_sample, if they "
+            "are of one sample, or add density = True if they are spectral densities"
         )
         raise BadGain(name, reason)
     if sampled and name == "luenberger":

@@ -81,7 +81,7 @@ def block_triangular(plant: System, align: str | None = None) -> Form:
     spare = [y for y, links in zip(plant.outputs, chains.links, strict=False) if not links]
     why = because("{why}; {outputs: and } without a chain", why=why, outputs=spare) if answer and spare else why
     reads = f"reads {_ALIGNMENTS[name][1]} ({name})"
-    claim = f"each row brings in the next state of its chain, linearly, and {reads}"
+    claim = f"each equation brings in the next state of its chain, linearly, and {reads}"
     check = structure("block_triangular", claim, (answer, why), "Try another alignment.")
     if chains.broken or answer is False:
         refused = (check, *cut_off_check("block_triangular", plant))

@@ -84,8 +84,11 @@ def _for_high_gain(
 ) -> tuple[Check, Check]:
     flow = (sp.Add(*(a * s for a, s in zip(A.row(i), z.states, strict=True)), row) for i, row in enumerate(b))
     listed = ", ".join(map(str, along))
-    claim = f"in the order ({listed}) y and each derivative in turn read states up to the next, with a slope in that"
-    generic = because("no slope is zero identically; zeros on the box are not excluded")
+    claim = (
+        f"in the order ({listed}) y depends on the first state only, and the derivative of each state on states "
+        "up to the next one, with a slope in that"
+    )
+    generic = because("no slope is identically zero; zeros on the box are not excluded")
     obstacle = _misshapen(along, rows)
     entries = tuple(map(z.back, (*flow, *z.output)))
     verdict = Verdict.UNKNOWN if obstacle else Verdict.GENERIC
@@ -100,18 +103,18 @@ def _misshapen(along: Sequence[sp.Symbol], rows: Rows) -> Reason:
     the order `along`, else `NONE`. Each f_i must have a partial derivative in
     x_(i+1) that is identically zero neither on the box nor on a branch."""
     if len(rows.output) > 1:
-        return because("the shape is for one output")
+        return because("this structure is defined for one output")
     for i, row in enumerate((rows.output[0], *(rows.rate(x) for x in along[:-1]))):
         name = f"{along[i - 1]}'" if i else "y"
         sure, maybe = rows.reads(row, rows.states)
         if along[i] not in {*sure, *maybe}:
-            return because("{row} does not read {state}", row=name, state=along[i])
+            return because("{row} does not depend on {state}", row=name, state=along[i])
         steep = slope(row, along[i])
         if along[i] not in sure or is_zero(steep, rows.box) is not False:
-            return because("{row} is not shown to have a slope in {state}", row=name, state=along[i])
+            return because("no slope of {row} in {state} is proved", row=name, state=along[i])
         if steep.has(*ROUGH) and nonzero(steep, rows.box).verdict is not Verdict.PROVED:
             return because("the slope of {row} in {state} may be 0 on a part of the box", row=name, state=along[i])
         later = [x.name for x in rows.states if x in along[i + 1 :] and x in {*sure, *maybe}]
         if later:
-            return because("{row} reads {names} too early", row=name, names=later)
+            return because("{row} depends on {names}, later in this order", row=name, names=later)
     return NONE

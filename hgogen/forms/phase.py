@@ -73,7 +73,7 @@ def phase(plant: System, *, original: bool = False, recovered: bool = False) -> 
     chain = if_valued(replace(by_rates, proofs=(Derivatives(),)), plant)
     within = {s for e in carried.Phi for s in e.free_symbols}
     names = [u.name if u in within else because("{input} (phi alone)", input=u.name) for u in carried.known]
-    inputs = carried.supplied(names, "{names} enter, to be supplied; no range is declared for {loose}", _RANGES)
+    inputs = carried.supplied(names, "{names} must be supplied as inputs; no range is declared for {loose}", _RANGES)
     rank, back = if_valued(regular, plant), carried.inverse()
     inverse = if_valued(one_to_one(carried, back, rank), plant)
     claim = "phi is Lipschitz in z on the image of the box"

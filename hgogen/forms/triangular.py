@@ -47,7 +47,7 @@ def triangular(plant: System, *, measured: bool = False) -> Form:
     answer = chains.answer(shape)
     refused = chains.broken or answer[0] is False
     fix = _fix(chains, shape, plant) if refused else ""
-    check = structure("triangular", "each row brings in one new state, linearly", answer, fix)
+    check = structure("triangular", "each equation brings in one new state, linearly", answer, fix)
     if refused:
         return form_in(coordinates(plant), "triangular", (check,), _REFERENCE)
     return triangle(check, _REFERENCE, plant, chains, shape)

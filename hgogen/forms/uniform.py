@@ -42,7 +42,7 @@ def uniform(plant: System) -> Form:
     answer = chains.answer(Shape.UNIFORM)
     ordered = not chains.broken and answer[0] is not False
     z = coordinates(plant, chains.order if ordered else None)
-    claim = "y shows one state, each row brings in one new one"
+    claim = "y shows one state, and each equation brings in one new state"
     checks = [structure("uniform", claim, answer, "Measure another output.")]
     if ordered:
         for i, link in enumerate(chains.links[0], 1):

@@ -70,7 +70,7 @@ def uniform_chain(plant: System, *, original: bool = False, recovered: bool = Fa
     obstacle = NONE if one_to_one else because("in xi it needs slopes that are never 0, and smooth rows")
     reason = because("b is Lipschitz in x, and xi is smooth, one to one and of full rank on a closed, bounded box")
     bounded = lipschitz_on_image(_MAKER, claim, carried.rows, carried.plant, "b", obstacle, reason)
-    loose = "{names} enter, to be supplied, {loose} without one"
+    loose = "{names} must be supplied as inputs, {loose} without a range"
     inputs = carried.supplied([u.name for u in carried.known], loose, "Declare rates=((low, high),) of the input.")
     each = (structure, *slopes, smooth, inputs, bounded)
     checks = tuple(if_valued(check, plant) for check in each)

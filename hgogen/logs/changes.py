@@ -115,7 +115,8 @@ class Better:
         """Return a clause on how the signal differs, and the advice for the command line; `before`: the shifts in
         samples that are set already, `operands`: the column of each signal, as written in an expression."""
         errors = (
-            f"predictions {self.ahead} steps ahead err {self.error:.3g} times as copying does, and {self.present:.3g}"
+            f"predictions {self.ahead} steps ahead have {self.error:.3g} times the error of copying the last "
+            f"value, and {self.present:.3g}"
         )
         finding, fix = f"{self.what}: with the change {errors} without", self.fix(before, operands)
         fix = "".join([fix, *(f", or equally {one.what}, {one.fix(before, operands)}" for one in self.equal)])
@@ -126,7 +127,10 @@ class Better:
         clock = operands.get(self.names[0], self.names[0])
         ages = " ".join(f'--map {y}_age="{age} + 0*{clock}"' for y in self.late)
         lag = f"hgogen fit --lag {','.join(self.late)} tells whether a first-order lag fits instead"
-        sensor = f"say delays = {{{delays}}} in the table of the observer and {ages}, by which the estimate is of now"
+        sensor = (
+            f"say delays = {{{delays}}} in the table of the observer and {ages}, by which the estimate is that "
+            "of the present time"
+        )
         if self.signal in self.late:
             return finding, f"{sensor}, or {fix} for this log alone; {lag}"
         inputs = f"{' and '.join(self.names)} {acts}"
@@ -135,9 +139,10 @@ class Better:
             "before it. Else "
         )
         return finding, (
-            f"{held if self.shift == 1 else ''}two readings fit equally: samples of {names} come {age} late, {sensor}; "
-            f"or {inputs} {age} late, say {fix}, and delay it in the firmware too. Another output without delay, "
-            f"--truth, or a look at the hardware decides; {lag}"
+            f"{held if self.shift == 1 else ''}two explanations fit equally: samples of {names} come {age} late, "
+            f"{sensor}; or {inputs} {age} late, say {fix}, and delay it in the firmware too. Another output without "
+            "delay, "
+            f"--truth, or a look at the hardware tells which; {lag}"
         )
 
     @property

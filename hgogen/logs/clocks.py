@@ -197,7 +197,7 @@ def jitter(clock: Clock) -> Iterator[Finding]:
         f"by {100 * scatter:.3g} % of their median"
     )
     limits = f"dt = [{0.9 * low:.2g}, {1.1 * high:.2g}] in the table of the observer"
-    fix = f"a step of varying length takes rows at their times: {limits}"
+    fix = f"with a varying dt the step takes rows at their own times: {limits}"
     yield clock.finding("jitter", np.arange(len(clock.there)), scatter / _SCATTERED, text, fix)
 
 

@@ -157,7 +157,9 @@ def still(course: Course, others: Iterable[Course]) -> Iterator[Finding]:
         text = f"{name} stands still {at}{where}, {length} in a row"
         if moving:
             text += f", while {' and '.join(moving)} move{'s' * (len(moving) == 1)}"
-        cause = "is it cut off there, or does the sensor hang" if at else "does the sensor hang, or the plant stick"
+        cause = (
+            "is it cut off there, or does the sensor hang" if at else "does the sensor hang, or does the plant stick"
+        )
         if start == 0:
             cause = "was it filled in before its first sample"
         fix = f"{cause}? --missing {name}={start}..{end} takes them as missing"

@@ -44,9 +44,9 @@ Place = Literal["", "low", "high"]
 FINE = 1e-4  # of an output's spread: smaller residuals are integration errors
 SAME = 1e-2  # difference of costs, as in `excess_cost`, of starts that ended at one minimum
 _COLOURED = {
-    "simulation": "the plant does more than the model, or the noise is slow, as that of a coarse encoder; where noise "
+    "simulation": "the model lacks something, or the noise is slow, as that of a coarse encoder; where noise "
     "moves the plant, --by prediction (by=) fits it along",
-    "prediction": "they can be predicted, so that the model, or the time of an input or sensor, is off",
+    "prediction": "each depends on those before it, so that the model, or the time of an input or sensor, is wrong",
 }
 _UNSETTLED = {
     "simulation": "narrower ranges, or, of a plant that is unstable or that noise moves, --by prediction",
@@ -200,7 +200,8 @@ class Fit(Encoded, Displayed):
         if self.above_start:
             cost = _HIGHER[self.by](self.above_start)
             lines.append(
-                f"the fit ended above its start, {cost}; keep the values before, narrow ranges, or add --starts"
+                f"the fit ended with a higher cost than that of the declared values ({cost}): keep those, narrow the "
+                "ranges, or add --starts"
             )
         return tuple(lines)
 
@@ -210,15 +211,16 @@ class Fit(Encoded, Displayed):
         lines = list(self.warnings)
         for one in self.lags:
             if one.at == "low":
-                lines.append(f"the records show no lag of {one.name} of half a sample or more")
+                lines.append(f"the logs show no lag of {one.name} of half a sample or more")
             elif math.isfinite(one.deviation):
                 behind, tau = f"{one.name}_behind", f"{one.value:.3g}"
                 state = f"a state {behind}' = (output - {behind})/{tau} as output"
                 if one.name in turning:
                     state = f"a state {behind}' = (rate of the output) - {behind}/{tau}, which the output is less by"
-                lines.append(f"the sensor of {one.name} lags, which the model does not say: give it {state}")
+                lines.append(f"the sensor of {one.name} lags, which the model lacks: declare {state}")
         lines += [
-            f"{name} lies at an end of its range somewhere; if it may be beyond, widen it" for name in self.confined
+            f"{name} reaches an end of its range in the fit; if the plant may leave this range, widen it"
+            for name in self.confined
         ]
         lines += [self._undetermined(parts) for parts in self.untold]
         lines += [line for name in self.alike for line in self._followed(name)]
@@ -229,32 +231,32 @@ class Fit(Encoded, Displayed):
 
     def _undetermined(self, parts: Mapping[str, float]) -> str:
         total = " ".join(f"{part:+.2g} {name}" for name, part in parts.items())
-        statement = f"tell {total}, in units of ranges: where it ended says nothing"
-        fix = "fix one of them" if len(parts) > 1 else "fix it"
+        statement = f"determine {total} (in units of ranges)"
+        fix = f"its fitted value is arbitrary: {'fix one of them' if len(parts) > 1 else 'fix it'}"
         joint, hidden = self.joint, set(self.joint.hidden if self.joint else ())
         doubtful = hidden.union(self.joint.doubtful if self.joint else ())
         inside = [set(each) <= hidden for each in self.untold]
         if joint is not None and set(parts) <= hidden and sum(inside) <= joint.count - joint.rank:
             measured = " or ".join(name for name in joint.repairs if name not in parts)
             more = f", or measure {measured} as well" if measured else ""
-            return f"no record of these outputs would {statement}; {fix}{more}"
+            return f"no log of these outputs would {statement}; {fix}{more}"
         if set(parts) & doubtful:
-            unknown = f"the records do not {statement}, and whether another record would is not known"
+            unknown = f"the logs do not {statement}, and whether other logs would is not known"
             return f"{unknown}; {fix}, or move the plant more"
         others = ", though others would," if joint is not None else ""
         more = "" if len(parts) > 1 and not others else ", or move the plant more"
-        return f"the records do not{others} {statement}; {fix}{more}"
+        return f"the logs do not{others} {statement}; {fix}{more}"
 
     def _followed(self, name: str) -> Iterator[str]:
         if not self.spread[name]:
-            yield f"{name} stands still in the records, so that it tells little; give a record in which the plant moves"
+            yield f"{name} is constant in the logs, which then determine little; give a log in which the plant moves"
         if self.error[name] >= self.spread[name] > 0:
-            yield f"{name} is followed no better than by its mean; are its unit, sign and offset right?"
+            yield f"{name} is fitted no better than by its mean; are its unit, sign and offset right?"
         test, tau = self.whiteness[name], self.alike[name]
         if test is None or test.white or self.error[name] <= FINE * self.spread[name]:
             return
         what = "residuals" if self.by == "simulation" else "innovations"
-        count = f", {tau:.3g} of them tell as much as one, which the standard errors count" if tau > 1.05 else ""
+        count = f", {tau:.3g} of them count as one independent sample in the standard errors" if tau > 1.05 else ""
         limits = f"Ljung-Box {test.statistic:.3g}, limit {test.limit:.3g}"
         yield f"{what} of {name} are not white ({limits}){count}: {_COLOURED[self.by]}"
 
@@ -268,7 +270,7 @@ class Fit(Encoded, Displayed):
             yield f"{ended}, {len(higher)} {_HIGHER[self.by](min(higher))} or more" if higher else ended
         if self.rivals:
             values = ", ".join(f"{name} = {value:.5g}" for name, value in self.rivals[0].items())
-            yield f"{values} fit as well, within 1 %: the records do not tell which; narrow a range so that one is left"
+            yield f"{values} fit equally well, within 1 %: narrow a range so that one of the two fits is left"
         if not self.settled:
             yield f"the search did not settle; take more starts, {_UNSETTLED[self.by]}"
 

@@ -190,7 +190,7 @@ def _selection(calibration: Calibration) -> Iterator[str]:
         yield f"{sentence}; {first.name} has the error {first.error:.3g}, but {by_truth}"
     elif best not in calibration.tied:
         rivals = ", ".join(f"{name} {error:.3g}" for name, error in finals.items() if name != best.name)
-        learned = f"with gains from all rows {rivals}, and {best.name} {finals[best.name]:.3g}"
+        learned = f"with gains learned from all rows {rivals}, and {best.name} {finals[best.name]:.3g}"
         yield f"{sentence}; {first.name} has the error {first.error:.3g}, but {learned}"
     else:
         cheaper = "knows its noise" if first.noise is None else "costs less"
@@ -199,8 +199,8 @@ def _selection(calibration: Calibration) -> Iterator[str]:
         yield f"{sentence}; {equal}, and {best.name} {why}"
     if best.error >= 1:
         yield (
-            f"no gains of {best.name} do better than {rival}: the model does not predict "
-            "these records; fit its parameters, check ranges, units and period, or give a longer record"
+            f"no gains of {best.name} predict better than {rival}: the model does not predict "
+            "these logs; fit its parameters, check ranges, units and period, or give a longer log"
         )
 
 
@@ -217,7 +217,7 @@ def _disagreements(calibration: Calibration, best: Judged, judged: Mapping[str, 
         yield f"as good as {best.name} ({calibration.best.error:.3g}), since {equal}: {', '.join(others)}"
     other_measures = [*_other_horizons(best, judged), *_of_hidden_states(best, judged, calibration.truth)]
     if other_measures:
-        yield f"other errors than the one that chose {best.name}, {where}: {'; '.join(other_measures)}"
+        yield f"by errors other than the one that chose {best.name}, {where}: {'; '.join(other_measures)}"
 
 
 def _rival(error: float, others: Mapping[str, float], verb: str, measure: str) -> Iterator[str]:
@@ -271,8 +271,8 @@ def _doubts(best: Tuned) -> Iterator[str]:
     for output, least in best.below_quantum.items():
         yield (
             f"R of {output} is at its least, a deviation of {least:.3g} by the steps in which {output} comes, and less "
-            "would be more likely: the model is at fault, not the sensor; fit it, or choose gains by predictions "
+            "would be more likely: the model is wrong, not the sensor; fit it, or choose gains by predictions "
             "further ahead, such as --ahead 25"
         )
     if best.noise is not None and not best.noise.settled:
-        yield "the search for Q and R did not settle; give a longer record, or one that moves more"
+        yield "the search for Q and R did not settle; give a longer log, or one in which the plant moves more"

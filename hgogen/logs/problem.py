@@ -204,7 +204,7 @@ def steps_and_growth(plant: System, period: float) -> tuple[int, float]:
     steps = max(1, math.ceil(fastest * period / FOLLOWED))
     if steps > MOST_STEPS:
         reason = f"moves at rates up to {fastest:.3g}, too fast for samples {period:g} apart"
-        fix = f"are the times in {plural(plant.time)}? Else narrow its ranges, or give a faster record"
+        fix = f"are the times in {plural(plant.time)}? Else narrow its ranges, or give a log with more samples"
         raise BadLog(f"plant {plant.name!r}", f"{reason}; {fix}")
     return steps, growing
 

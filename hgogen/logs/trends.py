@@ -199,8 +199,8 @@ class Trends:
             + f" (hgogen fit --offset {each.signal.name} learns it)" * (not ramp and each.signal in self.step.outputs)
             for each in explained
         ]
-        fix = ", or equally ".join(fixes) or "no single signal explains it: the model, or several sensors, are off"
+        fix = ", or equally ".join(fixes) or "no single signal explains it: the model is wrong, or several sensors are"
         if constants:
-            fix = f"{fix}, or {', '.join(constants)}, held by Q and P(0), does not learn it: raise them"
+            fix = f"{fix}, or {', '.join(constants)}, with too small a Q or covariance, does not learn it: raise them"
         rows, signal = ((self.begin, len(self.y) - 1),), explained[0].signal.name if explained else name
         yield Finding(signal, fault, rows, len(self.y) - self.begin, strengths[fault][j], text, fix)

@@ -688,8 +688,8 @@ def adaptive(task: Task, plain: Tuned, each: Callable[[str], None] = lambda what
             ratio = float(_innovations(task, _first(task, plain, table, gamma_0 / HUGE)).mean()) / gamma_0
             if ratio >= 1:
                 refusals.append(
-                    f"an alarm feeds itself, even with theta_1 = {theta_1:g} (alarm ratio {ratio:.2g}): "
-                    "the record's noise keeps theta up; fit the model, or take riccati, whose theta stays"
+                    f"theta does not return to 1, even with theta_1 = {theta_1:g} (alarm ratio {ratio:.2g}): "
+                    "noise alone keeps theta high; fit the model, or take riccati, whose theta is constant"
                 )
                 continue
             first = _first(task, plain, table, gamma_0)

@@ -36,9 +36,7 @@ class OtherPlant(UserWarning):
 
 def equations(plant: System) -> list[str]:
     """Return the equations of the declared plant as such files store them, without the values of parameters."""
-    first = plant.declared
-    flow = (f"{x}{first.next_mark} = {row}" for x, row in zip(first.states, first.flow, strict=True))
-    return [*flow, *(f"{y} = {row}" for y, row in zip(first.outputs, first.output, strict=True))]
+    return list(plant.declared.equations)
 
 
 def demand_plant(path: Path, table: dict[str, Any], plant: System) -> None:

@@ -252,7 +252,9 @@ def stamps_of(cells: Sequence[str], order: DateOrder | None = None, overnight: b
         notes.append(f"times of day pass midnight {nights[-1]} times")
     seconds[[*timed]] = (first + nights * _DAY) / _SECOND
     if not dates and re.fullmatch(r"\d+:\d\d", example):
-        notes.append(f"times such as {example!r}: read as hours and minutes; of minutes and seconds take a 60th")
+        notes.append(
+            f"times such as {example!r}: read as hours and minutes; if they are minutes and seconds, divide them by 60"
+        )
     return Stamps(seconds, bool(dates), tuple(notes))
 
 

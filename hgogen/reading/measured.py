@@ -152,7 +152,7 @@ class Report:
         cells = ((empty, "empty"), (invalid, "no finite number"))
         lines = [f"cells that are {what}: {count}, taken as missing samples" for count, what in cells if count]
         absent, counts = self.absent[name], [count for count in (empty, invalid, self.filled) if count]
-        sums = [f"such cells beside another row's at a grid point: {covered}"] * bool(covered)
+        sums = [f"of these, at a grid point that another row fills: {covered}"] * bool(covered)
         sums += [f"samples without a number, in all: {absent}"] * bool(absent and counts != [absent])
         parts = [[*lines, *sums]] if len(lines) == 1 else [*([one] for one in lines), sums]
         return ["; ".join(part) for part in parts if part]
