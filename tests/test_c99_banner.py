@@ -134,7 +134,7 @@ def test_in_a_bank_a_member_restarts_alone() -> None:
 
 
 def test_without_a_model_there_is_nothing_to_predict_by() -> None:
-    held = "y is not finite: the estimate goes on at its last rates, without a model of them. To do: do"
+    held = "y is not finite: the estimate continues at its last rates, without the model. To do: use"
     form, tracking = hg.forms.triangular(plants.chain(2)), {"k_0": 1, "k_max": 9, "gamma": 1, "strip": 0.1, "reach": 1}
     without = [hg.observers.cascade(form, theta=5), hg.observers.lambda_tracking(form, poles=(-1, -1), **tracking)]
     assert [held in words(observer) for observer in without] == [True, True]

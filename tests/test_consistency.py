@@ -293,7 +293,7 @@ def test_worse_than_copying_is_a_sentence() -> None:
     ]
     still = [Prediction("y", 1, 0.1, 0.0, 9, 0), Prediction("y", None, 9.0, None, 9, 0)]
     assert list(prediction_warnings(still)) == [
-        "y stands still in the whole record, so that copying it errs by 0: give a record that moves"
+        "y is constant in the whole log, so that the error of copying is 0: give a log in which it moves"
     ]
     (said,) = prediction_warnings(rows)
     assert said.startswith(

@@ -598,7 +598,7 @@ def test_the_manual_says_how_late_samples_are_given_and_what_they_cost() -> None
     assert f"The state has {worst.state} bytes with them, {once.state} without delays" in said
     assert "each once a period" not in said
     assert "adapt, once after them, raises the bits about the estimate" in said
-    assert "drops it, and says DROPPED" in said
+    assert "drops this sample, and raises DROPPED" in said
     assert "then_predict" not in said
     crate = " ".join(hg.targets.rust(step, check=False)["two.rs"].replace("//!", "").split())
     assert f"no more than {worst.operations} and {worst.functions}" in crate

@@ -372,7 +372,7 @@ def test_a_bad_time() -> None:
     for wrong in (-1, 0.5, True, "now"):
         with pytest.raises(BadShape, match="needs the number of a period, a whole number from 0"):
             made.update(wrong, y1=0.1)
-    with pytest.raises(BadShape, match=r"this step counts none: sample\(\.\., periods=\{\}\)"):
+    with pytest.raises(BadShape, match=r"this step has no `periods`: make it by sample\(\.\., periods=\{\}\)"):
         hg.sample(made.observer, dt=0.01).update(1, y1=0.1)
 
 

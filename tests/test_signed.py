@@ -33,7 +33,7 @@ INPUTS: dict[str, Any] = {
     "parameters": {"a": 0.1},
     "rates": {"tau": 5},
 }
-UNPROVED = "As it runs: nothing is proved of how far its estimate errs; `hgogen check` says why"
+UNPROVED = "As it runs: no bound of the error of its estimate is proved; `hgogen check` says why"
 KNOWN = Signed(
     bounds={"q": 0.00199, "w": 0.0201},
     settles=0.811,
@@ -79,12 +79,12 @@ def test_a_manual_states_what_is_proved_and_all_that_it_assumes() -> None:
         "the plant's a is constant and within 0.1 1/s2 of its declared value;",
         "tau moves by at most 5 (1/s2)/s;",
         "between two calls tau moves on a straight line;",
-        "at all times the plant keeps to -3.979 <= q <= 3.979, -19.97 <= w <= 19.97;",
-        "so do its inputs, to -1 <= tau <= 1;",
+        "at all times the plant stays in -3.979 <= q <= 3.979, -19.97 <= w <= 19.97;",
+        "and its inputs in -1 <= tau <= 1;",
         "nothing else enters",
         "at every constant theta from 4.5 to 20.",
         "at every dt up to 0.11 s",
-        "Not counted: the rounding of floating-point numbers.",
+        "Not included: the rounding of floating-point numbers.",
     ):
         assert each in text
     assert "q' is within" not in text

@@ -108,8 +108,8 @@ unsigned bioreactor_restore(bioreactor_state *s, const unsigned char *saved, siz
 /** @name Status bits: what happened, and what it asks of you. */
 /** @{ */
 
-/** y is not finite: the estimate goes on at its last rates, without a model of them. To do: do not act on it
- * for longer than those rates hold; watch for a sensor that stays silent. */
+/** y is not finite: the estimate continues at its last rates, without the model. To do: use the estimate only
+ * as long as these rates can be right; watch for a sensor that stays silent. */
 #define BIOREACTOR_MISSING_Y             0x0001u
 
 /** y is implausible, outside -0.35 .. 0.55: predicted only. To do: check the sensor and the declared

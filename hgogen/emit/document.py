@@ -142,18 +142,19 @@ _COMPILED = (
     "them.",
     "Nor with `-funsafe-math-optimizations` or `-fassociative-math`, which spoil the bundled functions: the source "
     "refuses them with GCC 12 and later.",
-    "No macro tells of them in clang, nor of its `-fno-honor-nans`, with which the self-check fails.",
+    "In clang no macro shows these options, nor `-fno-honor-nans`, with which the self-check fails.",
 )
 _WHOLE = (
     "`{name}_step` is all of the calls above at once, for a period in which every output has a sample; an output "
     "without one then needs NaN."
 )
 _TIMED = (
-    f"`{{call}}`, and the like of other outputs, is told the number of the period in which the sample was taken: 0 for "
+    f"`{{call}}`, and the function of each other output, takes the number of the period in which the sample was "
+    "taken: 0 for "
     f"that of the first predict after init or reset, modulo {ROUND}, which is (uint16_t)k of a counter k of 16 bits or "
     "more.",
     f"The counter may wrap round: differences are taken modulo {ROUND}. {UNTIMELY} A sample older by a multiple of "
-    f"{ROUND} periods cannot be told from one of now. Before the first predict every sample is early.",
+    f"{ROUND} periods looks like one of the present period. Before the first predict every sample is early.",
 )
 
 
@@ -161,7 +162,7 @@ _COST = (
     "A call takes up to {operations} operations and {functions} functions (root, sine, ..).",
     "RAM: {state} bytes of state and {params} bytes of parameters, where unsigned has 4 bytes.",
     "Flash, stack and instructions depend on the compiler: `hgogen cost` measures them on a Cortex-M4F, and writes "
-    "them to `cost.json`. Its worst call is the worst of a hostile record, and no proven bound.",
+    "them to `cost.json`. Its worst call is the slowest of a hostile log, and no proven bound.",
 )
 _SOURCE = (
     "hgogen {0} generated {1} from the model.",

@@ -167,7 +167,8 @@ def _row(step: Step, real: Real, values: np.ndarray) -> str:
 # --- the documentation of a crate
 
 _TIMED = (
-    "{rates} `{function}` and the like of other outputs is told the number of the period in which the sample was "
+    "{rates} `{function}`, and the function of each other output, takes the number of the period in which the sample "
+    "was "
     f"taken, `at`: 0 for that of the first `predict`, modulo {ROUND}. {UNTIMELY} Before the first `predict` every "
     "sample is early."
 )

@@ -236,8 +236,9 @@ _JUDGED = (
     "others: they may need a shorter dt."
 )
 UNTIMELY = (
-    f"A sample up to {OLDEST} periods older than the state is late, any other that is not of now is early; neither is "
-    "used."
+    f"A sample up to {OLDEST} periods older than the state is late, any other that is not of the state's period is "
+    "early; "
+    "neither is used."
 )
 
 
@@ -255,9 +256,10 @@ def calls(step: Step, by_parts: bool = False) -> list[str]:
 
 
 _JITTER = (
-    "A call that comes late by d has samples that are off by d times the rates of their outputs, and a period that is "
-    "10 % off makes estimated rates 10 % off: no status bit says so. A step that is given the time since the last call "
-    "is made with a pair for dt, the shortest and the longest."
+    "If a call is late by d, its samples are wrong by d times the rates of their outputs; if the period is wrong by "
+    "10 %, "
+    "so are estimated rates. No status bit shows this. A step whose dt is a pair, the shortest and the longest, takes "
+    "the time since the last call."
 )
 
 
@@ -307,19 +309,22 @@ def recovery(step: Step) -> list[str]:
     memory = ["fault counts", "last input and samples", *(f"`s.{f.name}`" for f in step.layout.state if f.lasting)]
     projected = "When the count of the range first reaches its limit, the estimate is projected onto its ranges."
     return [
-        f"The step counts {counts}. Other samples count down, and so does each change of sign of the error, so that "
-        "noise does not add up.",
+        f"The step counts {counts}. Any other sample decreases the count, and so does each change of sign of the "
+        "error, "
+        "so that noise does not accumulate.",
         *[f"A sample counts by the time since the last call over {pace(step.dt, step.time)}, at most as 1."]
         * bool(step.clock.varying),
-        f"A guard acts when a count reaches its limit, after {times} of such samples at the least.",
-        "At a sample with such a sign, counts and limits that are out of their ranges, or whose sum differs from "
-        "`s.fault_checksum`, are set as after a reset. Other changes of them in memory are not noticed.",
+        f"A guard acts when a count reaches its limit, which takes {times} of such samples or more.",
+        "At a sample that is counted, counts and limits are set as after a reset if one is out of its range, or if "
+        "their "
+        "sum differs from `s.fault_checksum`. Other changes of them in memory are not noticed.",
         *[projected] * of_range,
         f"The observer restarts from the sample when {', and when '.join(causes)}. It keeps its {', '.join(memory)} "
         "and counters of calls.",
-        f"The count stays and its limit doubles: a guard acts again when such samples have come for twice as long in "
-        f"all, later every {longest}, until the count is 0 again. After a long fault a restart may take as long once "
-        "more.",
+        f"After a guard has acted, its count stays and its limit doubles: the guard acts again when such samples have "
+        f"come for twice as long in all, later every {longest}, until the count is 0 again. After a long fault a "
+        "restart "
+        "may take as long once more.",
     ]
 
 
@@ -352,9 +357,9 @@ def parts(step: Step, name: str) -> list[str]:
         *[every] * any(section.name == "innovate" for section in step.code.sections),
         *[judged] * any(section.name == "gate" for section in step.code.sections),
         *[together] * any(field.name.startswith(WAITS) for field in step.layout.state),
-        "For a missing sample leave its update out, or call it with NaN, which raises MISSING as well. OUTSIDE_BOX "
-        "comes from the last part only, the others from any.",
-        "An update that comes again, or before a predict, does not correct, and raises a bit.",
+        "For a missing sample leave its update out, or call it with NaN, which also raises MISSING. Only the last part "
+        "raises OUTSIDE_BOX; any part raises the other bits.",
+        "A second update of the same sample, or an update before a predict, does not correct, and raises a bit.",
     ]
 
 
@@ -380,15 +385,15 @@ def late(step: Step, real: Real) -> list[str]:
     return [
         f"Late samples: {ages}, the number of periods ago in which it was taken, 0 for now, {most}.",
         "A late sample is fused in its period, and the step runs again from there, so that the estimate becomes what "
-        "it would be had the sample come in time. The periods that run again use the gains of now.",
+        "it would be had the sample come in time. The periods that run again use the present gains.",
         "Samples may come in any order, one of an output for each period. An older one, a second one of its period, "
         "and one whose age is no whole number are not used, and the status says so.",
-        f"Where adapt is left out in a period, its samples wait. A predict that makes one that waits more than "
-        f"{slots - 1} periods old drops it, and says DROPPED.",
-        "MISSING is said of the call, any other bit of every period that the call ran or ran again.",
+        f"If adapt is left out in a period, the samples of this period wait. A predict after which a waiting sample is "
+        f"more than {slots - 1} periods old drops this sample, and raises DROPPED.",
+        "MISSING is about the samples of the call, any other bit about every period that the call ran or ran again.",
         f"A period takes {once.operations} operations and {once.functions} functions (root, sine, table, ..). A call "
-        f"that runs all {slots} remembered periods, as each does of a sensor that is always so late, takes no more "
-        f"than {worst.operations} and {worst.functions}.",
+        f"that runs all {slots} remembered periods again, as every call does if a sensor is always that late, takes no "
+        f"more than {worst.operations} and {worst.functions}.",
         f"The state has {worst.state} bytes with them, {once.state} without delays.",
     ]
 
@@ -414,7 +419,7 @@ def gains(step: Step, tune: str) -> list[str]:
     return [
         f"{change}, or the change is neither limited nor complete.",
         "Ranges are those of the model: to widen one, generate anew. A gain whose largest value is its nominal one can "
-        "only go down.",
+        "only be lowered.",
         *judged,
     ]
 
@@ -424,15 +429,15 @@ def state(step: Step, before: str) -> list[str]:
     read = read_fields([step.observer.z])
     estimate = " and ".join(f"`s.{field.name}`" for field in step.layout.state if field.name in read)
     corrects = ", and its updates correct the estimate at once" * step.code.separable
-    limits = "A call that computes with a restored number beyond its range limits it, or begins the state anew."
+    limits = "If a restored number is beyond its range, the call that uses it limits it, or begins the state anew."
     return [
-        "The state may be copied. The same program restores what `save` gave of it; a state of another model, "
-        "observer, default gain, dt or precision, or with another bit, is refused.",
+        "The state may be copied. `restore` takes the bytes that `save` of the same program wrote. It refuses those of "
+        "another model, observer, default gain, dt or precision, and bytes that have changed.",
         "A restored state goes on as if no time had passed: call `reset` where the plant has moved on.",
         *[limits] * step.clock.guarded,
-        f"To start from an estimate of yours, write {estimate}, in the coordinates that the struct names, {before}. "
-        f"That call {FIRST_CALL[step.clock.first]}{corrects}; what else the state remembers of it "
-        "starts there too.",
+        f"To start from your own estimate, write {estimate}, in the coordinates that the struct names, {before}. "
+        f"That call {FIRST_CALL[step.clock.first]}{corrects}; all else that the state stores of the estimate starts "
+        "there too.",
     ]
 
 
@@ -482,18 +487,18 @@ def remembered(step: Step) -> str:
 
 _CLOSE = Fraction(11, 10)  # of the bound, at which an error counts as settled
 _DIGITS = 2
-_UNPROVED = "nothing is proved of how far its estimate errs; `hgogen check` says why"
+_UNPROVED = "no bound of the error of its estimate is proved; `hgogen check` says why"
 _EXPECTED = "OUTSIDE_BOX"  # a bit that a proof allows
-_UNCOUNTED = "Not counted: the rounding of floating-point numbers."
+_UNCOUNTED = "Not included: the rounding of floating-point numbers."
 _COUNTED = (
-    "Counted: what is rounded when {real} is compiled, of samples and inputs that are such numbers, with elementary "
-    "functions that err by no more than twice what hgogen measured of them. Not counted: what the way back from z to "
-    "the plant's states rounds."
+    "Included: the rounding of the program compiled in {real}, for samples and inputs that are {real} numbers, if "
+    "elementary functions err by at most twice what hgogen measured. Not included: the rounding of the map from z to "
+    "the plant's states."
 )
 _OTHERS = "Not proved: these bounds at other gains, parameters or dt, or while a gain changes."
 _AGAIN = (
-    "This file was written from the proof itself. `hgogen check` with --certificate writes its evidence, and `hgogen "
-    "recheck` says what of it other code verifies."
+    "This file was written from the proof itself. `hgogen check` with --certificate writes the evidence, and `hgogen "
+    "recheck` prints which claims other code verifies."
 )
 _DERIVED = "The bound of {} follows from the others by outward-rounded intervals, which a certificate does not carry."
 _ALONE = "nothing else enters: no other noise, disturbance or error of a parameter, and the plant is the model"
@@ -512,7 +517,7 @@ def proved_bounds(step: Step) -> list[str]:
     for name, most in known.bounds.items():
         bound = _with_unit(up(_CLOSE * Fraction(most), _DIGITS), _signal(step, name))
         lines.append(f"  |{name} - its estimate| <= {bound}")
-    lines += [f"  of {name} nothing within the width of its range;" for name in known.beyond]
+    lines += [f"  of {name}: no bound below the width of its range;" for name in known.beyond]
     lines += ["  provided that", *(f"    {each};" for each in _assumptions(step, known)), f"    {_ALONE}."]
     more = [_DERIVED.format(", ".join(_derived_states(known)))] * bool(_derived_states(known))
     rounding = _COUNTED.format(real=known.real) if known.real else _UNCOUNTED
@@ -558,9 +563,9 @@ def _assumptions(step: Step, known: Signed) -> Iterator[str]:
     yield from _constant_inputs(step, known.assumed.get("rates", {}))
     inner = [_inner_range(x, _signal(step, x), most) for x, most in known.inside.items()]
     declared = [_range(_signal(step, x)) for x in _derived_states(known) if _signal(step, x).bounded]
-    yield f"at all times the plant keeps to {', '.join([*inner, *declared])}"
+    yield f"at all times the plant stays in {', '.join([*inner, *declared])}"
     if step.inputs:
-        yield f"so do its inputs, to {', '.join(map(_range, step.inputs))}"
+        yield f"and its inputs in {', '.join(map(_range, step.inputs))}"
 
 
 def _derived_states(known: Signed) -> list[str]:
@@ -606,7 +611,7 @@ _ASSUMED: Mapping[str, Callable[[Step, Signal, float], str]] = {
 def _tuning_ranges(step: Step, known: Signed) -> Iterator[str]:
     theta = next(gain.initial[0] for gain in step.layout.gains if gain.name == "theta")
     least = known.least and Fraction(up(known.least, _DIGITS))
-    decays = "Without what enters the error decays"
+    decays = "Without noise, disturbances, and errors of timing or parameters, the error decays"
     if least and least < theta:
         yield f"{decays} at every constant theta from {up(known.least or 0, _DIGITS)} to {same(theta)}."
     else:

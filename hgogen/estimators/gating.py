@@ -21,8 +21,7 @@ from hgogen.signal import LOST
 
 UNJUDGED = Bit(
     "OUT_OF_ORDER",
-    "an update was called again, or before the first predict, or without a predict or a decision of its gate since: no "
-    "correction",
+    "an update was called twice, before the first predict, or without a new predict or gate decision: no correction",
     "call predict once a period, then gate with all samples that have one, then each update at most once",
 )
 PASSED, REJECTED = 1, 2  # verdicts; 0 is none yet

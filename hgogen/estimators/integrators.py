@@ -310,8 +310,8 @@ def unmodelled(form: Form) -> Jump:
     bits = tuple(
         Bit(
             f"MISSING_{y}",
-            f"{y} is not finite: the estimate goes on at its last rates, without a model of them",
-            "do not act on it for longer than those rates hold; watch for a sensor that stays silent",
+            f"{y} is not finite: the estimate continues at its last rates, without the model",
+            "use the estimate only as long as these rates can be right; watch for a sensor that stays silent",
         )
         for y in form.system.outputs
     )

@@ -203,7 +203,7 @@ def _demand_density(observer: str, form: Form, known: Mapping[str, Any]) -> None
     if form.system.discrete and known.get("density"):
         raise BadGain("density = True", "is for differential equations: Q and R of a discrete plant are of one sample")
     if known.get("density") and not known.keys() & {*_DENSITIES}:
-        raise BadGain("density = True", f"says that Q and R are densities, and {observer} was given neither")
+        raise BadGain("density = True", f"says that Q and R are densities, and {observer} has neither")
 
 
 def _demand_measured(observer: str, known: Mapping[str, Any], inputs: Mapping[str, float], own: Container[str]) -> None:

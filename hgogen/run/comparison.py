@@ -289,7 +289,8 @@ class LyapunovDecay:
         if self.ratio is None:
             return f"shown in trials, not proved: {bounds}"
         most = (
-            f"V = e' S e becomes at most {self.ratio:.6g} times itself from call to call (after {self.time:g} {unit})"
+            f"V = e' S e at a call is at most {self.ratio:.6g} times that at the call before (after {self.time:g} "
+            f"{unit})"
         )
         return f"shown in trials, not proved: without noise {most}; {bounds}"
 

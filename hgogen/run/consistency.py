@@ -316,7 +316,10 @@ def prediction_warnings(predictions: Sequence[Prediction]) -> Iterator[str]:
     for output in dict.fromkeys(one.output for one in predictions):
         rows = [one for one in predictions if one.output == output and one.copying is not None]
         if rows and not any(one.copying for one in rows):
-            yield f"{output} stands still in the whole record, so that copying it errs by 0: give a record that moves"
+            yield (
+                f"{output} is constant in the whole log, so that the error of copying is 0: give a log in which it "
+                "moves"
+            )
             continue
         worse = [one for one in rows if one.model > WORSE * (one.copying or 0.0)]
         if worse:
@@ -385,7 +388,7 @@ def suggest(output: str, y: np.ndarray, dt: float, d: float, unit: str = "s") ->
     if tau > len(y) * dt / 30:
         notes.append(
             f"the correlation time is {tau:.3g} {unit} in a record of {len(y) * dt:.3g} {unit}: this part is not "
-            "quiet, or too short; sigma holds the plant's own motion"
+            "quiet, or too short; sigma contains the plant's own motion"
         )
     density = sigma**2 * dt * (1 + rho) / (1 - rho)
     return Suggestion(output, int(there.sum()), sigma, tau, d, relative, gamma, 2 * gamma, density, tuple(notes))

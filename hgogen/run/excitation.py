@@ -77,7 +77,7 @@ def shown(id: str, gramian: Gramian) -> Check:
     pattern = "the smallest eigenvalue, in units of the box, is {least:.2g}, mostly {weak}"
     reason = because(pattern, least=least, weak=weak)
     if share[k] > HIDDEN:
-        return Check(name, claim, Verdict.UNKNOWN, joined(reason, because("a record proves nothing of another")))
+        return Check(name, claim, Verdict.UNKNOWN, joined(reason, because("a log proves nothing about another one")))
     return Check(
         name, claim, Verdict.REFUTED, reason, {"t": float(gramian.start[k])}, "Excite the plant, or wait longer."
     )

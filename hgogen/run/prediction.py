@@ -255,7 +255,7 @@ class Rejection:
         (low, high), (least, most) = self.values, self.range
         return (
             f"{100 * self.share:.3g} % of the samples of {self.output} were rejected: they lie about "
-            f"{low:.4g}..{high:.4g}, and the model reads {least:g}..{most:g}"
+            f"{low:.4g}..{high:.4g}, and the model's range is {least:g}..{most:g}"
         )
 
     @property
