@@ -13,7 +13,7 @@ from test_cli import hgogen
 import hgogen as hg
 from hgogen.call import CallableStep
 from hgogen.logs import changes
-from hgogen.logs.changes import better_change
+from hgogen.logs.changes import Better, better_change
 from hgogen.model import load
 from hgogen.reading.log import BadRecord, shifts_of
 from hgogen.reading.measured import shifted
@@ -113,9 +113,9 @@ def test_a_shift_that_gains_little_is_not_named(step: CallableStep, monkeypatch:
     assert (slight.shift, slight.error < slight.present) == (1, True)
 
 
-@pytest.mark.parametrize("true", ["hold", "line"])
-def test_the_other_course_of_inputs_is_named(true: str) -> None:
-    """x' = u - x, with an input drawn anew for each sample, which is held, or goes on along a line; no shift helps."""
+def courses(true: str, sigma: float, between: str) -> Better | None:
+    """The better change of x' = u - x, with an input drawn anew for each sample, which is held, or goes on along a
+    line; no shift helps."""
     x, u, y = hg.Signal("x", low=-5, high=5), hg.Signal("u", low=-5, high=5), hg.Signal("y")
     plant = hg.System("slow", states=(x,), inputs=(u,), outputs=(y,), flow=[u - x], output=[x])
     observer = hg.observers.riccati(hg.forms.original(plant), Q=(1e-3,), noise={"y": 0.01}, covariance=(1,))
@@ -124,12 +124,25 @@ def test_the_other_course_of_inputs_is_named(true: str) -> None:
     for last, now in zip([0, *inputs[:-1]], inputs, strict=True):
         for part in (np.arange(60) + 0.5) / 60:
             at += dt / 60 * ((now if true == "hold" else last + (now - last) * part) - at)
-        rows.append([at + 0.01 * draw.normal()])
+        rows.append([at + sigma * draw.normal()])
+    step = hg.sample(observer, dt=dt, between=between)
+    return better_change(step, inputs[:, None], np.array(rows), 0, "python")
+
+
+@pytest.mark.parametrize("true", ["hold", "line"])
+def test_the_other_course_of_inputs_is_named(true: str) -> None:
     for between in ("hold", "line"):
-        step = hg.sample(observer, dt=dt, between=between)
-        one = better_change(step, inputs[:, None], np.array(rows), 0, "python")
-        named = one and (one.between, one.shift)
-        assert named == (None if between == true else (true, 0))
+        one = courses(true, 0.01, between)
+        assert (one and (one.between, one.shift)) == (None if between == true else (true, 0))
+
+
+def test_a_course_that_gains_little_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of samples so noisy that the right course takes 7 % of the error, and not the tenth that it has to."""
+    assert courses("hold", 0.3, "line") is None
+    monkeypatch.setattr(changes, "CLEAR_COURSE", 1.0)
+    slight = courses("hold", 0.3, "line")
+    assert slight is not None
+    assert 0.9 < slight.error / slight.present < 0.95
 
 
 @pytest.mark.full
