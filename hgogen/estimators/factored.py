@@ -589,7 +589,7 @@ class Looped(FactoredStep):
             if not is_diagonal(matrix):
                 raise BadGain(name, f"must be diagonal for {n} states; full matrices are for up to 7")
         if not rotates(self.part):
-            reason = f"has a map without an inverse, or delays in an order that more than {LARGE} states do not admit"
+            reason = f"has a singular Jacobian df/dx, or delays in an order that more than {LARGE} states do not admit"
             raise BadGain(self.part.dynamics.form.system.name, f"{reason}; list a state before those that it moves")
         columns = Field("v", (0.0,) * n, meaning="rows below the diagonal")
         pieces = Pieces(
