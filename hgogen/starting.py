@@ -6,7 +6,7 @@
     Q_i <= (a_i D)^2 Q_(i+1),   a_i the least |dz_i'/dz_(i+1)|, where z_i' reads no state of its chain beyond z_(i+1)
 
 The error of a high gain decays several times while the plant crosses its range, and a step resolves both. The variance
-of a state grows by its squared range in the time that it takes to cross the range. The second line bounds this growth
+of a state grows by its squared half range in the longest crossing time. The second line bounds this growth
 by the motion of z_(i+1), which is observed through z_i' alone: its error decays at about a_i sqrt(Q_(i+1)/Q_i),
 whatever R is. For a requested dt, theta is at most 1/(20 dt), and at least 1. The default noise sigma of a sensor is 1
 % of half its range Y, the declared one, else the range that follows from states and inputs. Where no state moves, or no
