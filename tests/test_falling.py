@@ -74,7 +74,7 @@ def test_of_a_gain_there_is_none() -> None:
 def test_it_says_that_it_proves_nothing() -> None:
     known = lyapunov_decay(step_of(), TRIAL)
     said = known.sentence("s")
-    assert said.startswith("shown in trials, not proved: without noise V = e' S e becomes at most 0.9")
+    assert said.startswith("shown in trials, not proved: without noise V = e' S e at a call is at most 0.9")
     assert "scaled S has eigenvalues from" in said
     exact = replace(TRIAL, start={"x1": 0.0, "x2": 0.0}, jumps=())  # no error at all
     assert lyapunov_decay(step_of(), exact).sentence("s").startswith("shown in trials, not proved: scaled S has")

@@ -224,7 +224,7 @@ def test_run_and_inspect_filter_from_row_to_row(folder: Path) -> None:
     assert model < 4  # 2 is the noise; a row is 12 from the one before
     inspected = json.loads(hgogen("inspect", *words, "--json")[0])
     assert inspected["findings"] == []
-    assert [one for one in inspected["notes"] if one.startswith("no delay is searched between rows")]
+    assert [one for one in inspected["notes"] if one.startswith("the rows are not evenly spaced, so that no delay")]
 
 
 @pytest.mark.full
