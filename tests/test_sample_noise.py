@@ -207,7 +207,7 @@ def test_what_is_no_noise_is_met_at_the_door() -> None:
         ({"Q": (1, 1), "noise": {"y": 1e200}}, "the squares of noise"),
         ({"Q": (1, 1), "R_per_sample": -1}, "R_per_sample = -1"),
         ({"Q_per_sample": (1, -1), "R": 1}, "Q_per_sample must be positive semidefinite"),
-        ({"Q_per_sample": (1, 1), "R_per_sample": 1, "density": True}, "was given neither"),
+        ({"Q_per_sample": (1, 1), "R_per_sample": 1, "density": True}, "and riccati has neither"),
     ):
         with pytest.raises(BadGain, match=words):
             hg.observers.riccati(form, **arguments)

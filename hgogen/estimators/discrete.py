@@ -66,14 +66,13 @@ THEOREM = Theorem(
 )
 
 
-def no_proof(form: Form, observer: str) -> Check:
-    """Return the check `OBSERVER.convergence` with the verdict unknown, for a discrete plant, or for a filter of which
-    hgogen proves nothing."""
+def no_proof(form: Form, observer: str, theorem: Theorem = THEOREM) -> Check:
+    """Return the check `OBSERVER.convergence`, that the conclusion of its `theorem` holds, with the verdict unknown:
+    for a discrete plant, or for a filter of which hgogen proves nothing."""
     subject = "discrete plants" if form.system.discrete else f"{observer} in {form.kind} form"
     reason = because("hgogen has no proof for {subject}", subject=subject)
-    return Check(
-        ClaimId(observer, "convergence"), THEOREM.conclusion, Verdict.UNKNOWN, reason, fix="validate by trials"
-    )
+    claim = theorem.conclusion
+    return Check(ClaimId(observer, "convergence"), claim, Verdict.UNKNOWN, reason, fix="Validate by trials.")
 
 
 def demand_plain_gain(form: Form, theta: float) -> None:
@@ -118,6 +117,7 @@ def luenberger(
     decay = Check(
         ClaimId("luenberger", "decay"), _DECAY, Verdict.UNKNOWN, _frozen(dynamics, K), fix="Validate by trials."
     )
+    unproved = no_proof(form, "luenberger", DECAYS)
     largest = WIDER * max(float(np.abs(K).max()), 1e-300)
     fields = [
         gain(f"K_{y}", row, -largest, largest, f"error of {y} onto the states") for y, row in zip(names, K, strict=True)
@@ -140,7 +140,7 @@ def luenberger(
         gains=tuple(fields),
         z=estimate,
         dynamics=dynamics,
-        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), decay, no_proof(form, "luenberger")),
+        claims=lambda: (*form.checks, *(evaluated(form) if accept else ()), decay, unproved),
         accepted=accept,
         theorem=DECAYS,
         equations=("z <- f(z, u)", "at a sample of y_j: z <- z + K_j (y_j - h_j)"),

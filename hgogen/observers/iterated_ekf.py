@@ -84,7 +84,7 @@ def iterated_ekf(
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=part.dynamics,
-        claims=lambda: (*form.checks, *evaluated(form), discrete.no_proof(form, "iterated_ekf")),
+        claims=lambda: (*form.checks, *evaluated(form), discrete.no_proof(form, "iterated_ekf", THEOREM)),
         accepted=accept,
         theorem=of_form(THEOREM, form, rank=noise_rank(part, form.names)),
         equations=(

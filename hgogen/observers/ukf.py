@@ -103,7 +103,7 @@ def ukf(
     share = 6e-8 / reach**2
     rounding = f"; in single precision a step rounds the estimate by some {share:.0e} of it" * (share > 1e-5)
     filter = extended(form, Q, R, covariance, initial, tangent=False, U=U, gate=gate, update=update)
-    part = filter.part
+    part, theorem = filter.part, discrete.THEOREM if form.system.discrete else THEOREM
     observer = Observer(
         form=form,
         name="ukf",
@@ -113,9 +113,9 @@ def ukf(
         gains=filter.gains,
         z=sym("state", "z", form.n),
         dynamics=part.dynamics,
-        claims=lambda: (*form.checks, discrete.no_proof(form, "ukf")),
+        claims=lambda: (*form.checks, discrete.no_proof(form, "ukf", theorem)),
         accepted=accept,
-        theorem=discrete.THEOREM if form.system.discrete else THEOREM,
+        theorem=theorem,
         equations=(
             *(MAP_EQUATIONS if form.system.discrete else EQUATIONS),
             f"g = {reach:g}, alpha = {alpha:g}, beta = {beta:g}{rounding}",
